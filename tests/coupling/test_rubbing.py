@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from skfem import MeshTet
 
 from coupling.integrators import BackwardEuler
 from coupling.joins.contact import observe_contact
@@ -286,3 +287,38 @@ def test_a_joint_that_begins_to_slide_as_a_whole_bears_its_loads() -> None:
     (joint,) = record.contact
     assert joint.slipping >= 0.8 * joint.pressed
     assert np.hypot(joint.force, joint.friction) == pytest.approx(np.hypot(0.8, 0.18), rel=1e-3)
+
+
+@pytest.mark.parametrize(("element", "cells", "mu"), [("P1", 8, 0.5), ("P2", 4, MU)])
+def test_a_body_pressed_on_its_mirror_image_does_not_rub(element: str, cells: int, mu: float) -> None:
+    """Independent check: two equal bodies under equal loads have no tendency to slip. With friction they press as
+    without it, also where planes of symmetry cross the contact; friction is of second order in the slope there."""
+    a, curvature = 0.01, 3.0
+    block = MeshTet.init_tensor(*(np.linspace(0.0, a, n + 1) for n in (cells, 2, 2)))
+    bent = block.p + np.outer([0, 0, curvature], block.p[0] ** 2 * (1.0 - block.p[2] / a))
+    flip = np.array([[1.0], [1.0], [-1.0]])
+    mesh = MeshTet(np.hstack([bent, flip * bent]), np.hstack([block.t, block.t + block.nvertices]))
+    outer, flat = mesh.boundary_facets(), np.hstack([block.p, flip * block.p])
+    x, y, z = flat[:, mesh.facets[:, outer]].mean(axis=1)
+    is_upper = mesh.facets[0, outer] < block.nvertices
+    sides = {"x": x < 1e-9, "front": y < 1e-9, "back": y > a - 1e-9, "top": z > a - 1e-9, "base": z < 1e-9 - a}
+    sides |= {"upper": is_upper & (np.abs(z) < 1e-9), "lower": ~is_upper & (np.abs(z) < 1e-9)}
+    named = {name: outer[there] for name, there in sides.items()}
+    named["pin"] = named["base"][:1]  # bears nothing, because the loads are in equilibrium
+    tissue = {"youngs_modulus": 1e6, "poisson_ratio": 0.3, "density": 1e3, "inertia": False, "element": element}
+    held = {"roller": ["x", "front", "back", "pin"], "mesh": {"kind": "given", "accuracy": "given"}}
+    ends = {"path": [[0, 0, 0.03], [0.01, 0, 0.03]], "start": {"kind": "fixed"}, "end": {"kind": "fixed"}}
+    seen = []
+    for coefficient in (0.0, mu):
+        scene = {
+            "tissue": tissue | held | {"load": [{"boundary": side, "pressure": 5e3} for side in ("top", "base")]},
+            "contact": [{"between": ["upper", "lower"], "friction": coefficient}],
+            "thread": {"suture": "8-0 nylon"} | ends,
+            "solve": {"kind": "static", "load_steps": 7},
+        }
+        *_, (record, _) = prepare(parse(scene), mesh=mesh.with_boundaries(named)).advance()
+        seen += record.contact
+    smooth, rough = seen
+    assert rough.largest_pressure == pytest.approx(smooth.largest_pressure, rel=1e-3)
+    assert [smooth.force, rough.force] == pytest.approx([5e3 * a**2] * 2, rel=1e-3)
+    assert rough.friction < 0.02 * rough.force

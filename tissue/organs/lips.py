@@ -17,8 +17,8 @@ to both sides has no pair. While no pair has slid by more than SLID of a facet, 
 exactly those of the reference.
 
 A pair with friction also has two slips: the displacements of the faced point relative to the node
-along two unit vectors normal to d since the start of the step (`Gaps.slip_sums`). Two forces are
-conjugate to the slips. A sticking pair has no other memory: a newly faced point starts with zero
+along the two vectors of `Gaps.tangents` since the start of the step (`Gaps.slip_sums`). Two forces
+are conjugate to the slips. A sticking pair has no other memory: a newly faced point starts with zero
 slip.
 
 The pressure follows from the forces p by the P1 functions ψ of the left side's vertices: P_a =
@@ -49,6 +49,8 @@ TURNED = 0.01  # of a unit normal: after a smaller turn at finite strain, refere
 CLOSED = 1e-12  # of the lips' extent: a smaller overlap is round-off of a closed slit
 SUNK = 0.1  # of a facet: largest initial overlap; touching surfaces of flat facets overlap by less
 LIPS = ("lip_left", "lip_right")
+ON_EDGE = 0.05  # weight of a node: with less, a point beside an edge of its facet counts as on the edge
+FAINT = 1e-30  # of a component of d: decides only if there is no other
 EXACT = 9  # digits for the comparison of facet sizes
 MIDDLES = np.array([[0, 1], [1, 2], [0, 2]])  # of a facet's sides, in the order after its corners
 
@@ -275,7 +277,20 @@ class Gaps:
         Its shape is `(2m, 3r)`. Each pair with friction has two slips, along its two `tangents`.
         """
         twice = np.repeat(self.rough, 2)
-        return self._sums(self.left[twice], facing[twice], tangents(facing[self.rough, 4:]).reshape(-1, 3))
+        return self._sums(self.left[twice], facing[twice], self.tangents(facing).reshape(-1, 3))
+
+    def tangents(self, facing: Array) -> Array:
+        """Return the two vectors along which each pair with friction slips, shape `(m, 2, 3)`.
+
+        They have no component along an axis in which rollers hold both sides, and are normal to d
+        without this component. Gap and slips would otherwise depend on one another, and their
+        forces would not be unique.
+        """
+        nodes, weights = self.weights(facing[self.rough])
+        moves, d = ~self.body.held, facing[self.rough, 4:]
+        right = np.any(moves[nodes] & (np.abs(weights) > ON_EDGE)[..., None], axis=1)
+        free = np.asarray(moves[self.left[self.rough]] | right)
+        return tangents(np.where(free, d, FAINT * d)) * free[:, None]
 
     def _sums(self, left: Indices, facing: Array, along: Array) -> csr_matrix:
         """Return the matrix from the displacement of all nodes to the relative one of pairs.

@@ -41,7 +41,7 @@ from tissue.arrays import Array, Indices
 from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
 from tissue.loads import Loads, SurfaceLoad
-from tissue.organs.lips import Gaps, tangents
+from tissue.organs.lips import Gaps
 from tissue.organs.skin import OWN, Skin
 from tissue.sites.site import Sites
 from tissue.solvers.choice import GIGA, Solver, SolverChoice, choose_solver, solver
@@ -557,7 +557,7 @@ class MeshedOrgan:
         facing = self.gaps.start if state.facing is None else state.facing
         rough = self.gaps.rough
         along = p[self.pairs : self.contacts].reshape(-1, 2)
-        out[rough] = np.einsum("mt,mtx->mx", along, tangents(facing[rough, 4:]))
+        out[rough] = np.einsum("mt,mtx->mx", along, self.gaps.tangents(facing))
         bound = self.friction(state.facing) * p[: self.pairs]
         return out, (bound > 0.0) & (np.linalg.norm(out, axis=1) >= SLIPPING * bound)
 
