@@ -32,7 +32,7 @@ TieState = Literal["open", "held", "drawn", "tied", "slips"]
 class TieObservation:
     """One tie at one time.
 
-    - `s_first`, `s_second` [m]: abscissae of its strands.
+    - `s_first`, `s_second` [m]: abscissae of its strands; of a tie that is undone, the last ones.
     - `length` [m]: unstrained length of the thread in its loop; nan for a loop that is cut.
     - `force` [N]: tension of the strands that it holds.
     - `x` (3,) [m]: its place.
@@ -63,16 +63,16 @@ def observe_ties(system: System[Body], state: State[Body], works: Array) -> tupl
 def observe_tie(spline: Spline, state: State[Body], tie: Tie, strands: Sequence[int], work: float) -> TieObservation:
     """Return the observation of one tie of a state.
 
-    An open tie has no place and no loop, and a tie with a cut loop has no length: these values are
-    nan.
+    An open tie has no place and no loop, a tie with a cut loop has no length, and a tie has no
+    strands before it begins: these values are nan.
     """
     s, places, here = state.s[strands], state.y[strands, :3], bool(state.present[strands[0]])
     first, last = spline.piece_of(s)
     nowhere = np.full(3, np.nan)
     return TieObservation(
         name=tie.name,
-        s_first=float(s[0]) if here else np.nan,
-        s_second=float(s[1]) if here else np.nan,
+        s_first=float(s[0]) if s[0] < s[1] else np.nan,
+        s_second=float(s[1]) if s[0] < s[1] else np.nan,
         length=float(s[1] - s[0]) if here and first == last else np.nan,
         force=float(np.linalg.norm(state.lam[strands[0], :3])),
         x=places.mean(axis=0) if here else nowhere,

@@ -340,12 +340,11 @@ def undone(scenario: Scenario, step: records.StepRecord) -> Iterator[Remark]:
 
     A tie whose loop is cut is not considered.
     """
-    at = {hole.name: hole.s for hole in step.piercings}
     cuts = [cut.s for cut in scenario.cut if cut.time <= step.time]
     for tie, found in zip(scenario.tie, step.ties, strict=True):
-        first, last = sorted(at[name] for name in tie.between)
-        is_open = found.state == "open" and tie.from_ < step.time and not any(first <= s <= last for s in cuts)
-        yield from judged(is_open, "tie-undone", tie.name, time=step.time)
+        is_cut = any(found.s_first <= s <= found.s_second for s in cuts)
+        is_undone = found.state == "open" and tie.from_ < step.time and not is_cut
+        yield from judged(is_undone, "tie-undone", tie.name, time=step.time)
 
 
 def kept_knots(ties: Sequence[Tie], off_law: Mapping[str, float], tension: float) -> Iterator[Remark]:

@@ -134,8 +134,8 @@ def test_a_loop_that_is_cut_has_no_length() -> None:
 
 @pytest.mark.parametrize("share", [0.25, 1.0])
 def test_a_loop_that_is_cut_at_rest_bears_nothing(share: float) -> None:
-    """Independent check: hands that draw a loop let go where it is cut, for it would come out without end; a knot that
-    is locked stays, and bears nothing either."""
+    """Independent check: hands that draw a loop let go where it is cut, for it would come out without end, and tell
+    where it was; a knot that is locked stays, and bears nothing either."""
     now = run.begin(*ring(6, 5e-4))
     (closed,) = now.load(share, 0.12).ties
     s = closed.s_first + 0.45 * closed.length
@@ -144,7 +144,7 @@ def test_a_loop_that_is_cut_at_rest_bears_nothing(share: float) -> None:
     assert [event.kind for event in after.events if event.kind in ("cut", "unties")] == ["cut", "unties"][
         : 1 + (share < 0.5)
     ]
-    assert tie.state == ("open" if share < 0.5 else "tied")
+    assert tie.state == ("open" if share < 0.5 else "tied") and tie.s_first < s < tie.s_second
     assert closed.force > 0.4 * FORCE and tie.force < BORNE * FORCE
     assert max(abs(hole.tension_after) for hole in after.piercings) < BORNE * FORCE
 
