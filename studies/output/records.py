@@ -225,6 +225,8 @@ class Extremes:
     thread_strain: float = field(default=0.0, metadata={"step": lambda step: step.max_strain})
     # largest of kinetic plus elastic energy, and of external work [J]
     energy: float = field(default=0.0, metadata={"step": turned_over})
+    # largest elastic energy of deformation [J]
+    elastic: float = field(default=0.0, metadata={"step": lambda step: step.energy.of_deformation})
     # largest energy created by the integrator [J]
     created: float = field(default=0.0, metadata={"step": lambda step: -step.energy.numerical_dissipation})
     # stored energy that the first step dissipated numerically [J]

@@ -142,14 +142,15 @@ def met(assembly: Assembly, ending: records.Ending) -> Iterator[Remark]:
     yield from stiff_in_tracts(scenario, step.tracts)
     yield from assumed_channels(scenario.piercing, step.piercings)
     yield from coarse_spans(step.span_ratio, step.spans_between)
-    if not (dynamic and moves(step.energy)):
+    share = unrest_at_end(step.energy, extremes.elastic)
+    if not (dynamic and share > SETTLED):
         yield from judged(not step.would_stay, "would-not-stay", "solve")
     yield from judged(step.unstable, "tissue-unstable", "solve")
     yield from along_branch(extremes.branches, extremes.fallen / scenario.solve.duration)
     if dynamic:
         judged_steps = extremes if scenario.solve.start == "path" else replace(extremes, settling=0.0)
         yield from audited(step.energy, judged_steps, rubs(assembly) or not names, has_slid(assembly, step))
-        yield from unsettled(step.energy, step.slide_speed * step.time, diameter)
+        yield from unsettled(share, step.slide_speed * step.time, diameter)
     if (strands := step.strands) is not None:
         holes = {hole.name: hole.s for hole in step.piercings}
         yield from on_strands(strands, holes, diameter, extremes.tension, assembly.system.bears)
@@ -303,19 +304,23 @@ def audited(energy: Energies, extremes: records.Extremes, rough: bool, slid: boo
     return out + judged(bool(effect), "numerical-dissipation", "solve.dt", dissipated=dissipated, effect=effect)
 
 
-def moves(energy: Energies) -> bool:
-    """Return whether a dynamic run still moves at its end, by its kinetic energy."""
-    return unrest(energy.kinetic, energy.of_deformation) > SETTLED
+def unrest_at_end(energy: Energies, elastic: float) -> float:
+    """Return the kinetic over elastic energy at the end of a run with the largest `elastic` energy [J].
+
+    A deformation of 1 % of the largest or less counts as 1 %: where nearly all was released, as by
+    a cut, both energies are round-off.
+    """
+    return unrest(energy.kinetic, max(energy.of_deformation, SETTLED * elastic))
 
 
-def unsettled(energy: Energies, slide: float, diameter: float) -> list[Remark]:
+def unsettled(share: float, slide: float, diameter: float) -> list[Remark]:
     """Return a remark if a run did not come to rest.
 
-    One criterion is its kinetic energy. The other is the length `slide` [m] that a thread of
-    `diameter` [m] slides in another run of the same duration.
+    One criterion is the `share` of its kinetic energy. The other is the length `slide` [m] that a
+    thread of `diameter` [m] slides in another run of the same duration.
     """
-    share, limit = unrest(energy.kinetic, energy.of_deformation), bounds.SLID * diameter
-    signs = [f"the kinetic energy is {share:.2g} of the elastic energy (limit {SETTLED:g})"] if moves(energy) else []
+    moves, limit = share > SETTLED, bounds.SLID * diameter
+    signs = [f"the kinetic energy is {share:.2g} of the elastic energy (limit {SETTLED:g})"] if moves else []
     way = f"{slide / MILLI:.2g} mm in another such run (limit {limit / MILLI:.2g} mm)"
     signs += [f"at its final speed the thread would slide by {way}"] if slide > limit else []
     return judged(bool(signs), "not-at-rest", "solve.duration", signs=", and ".join(signs))

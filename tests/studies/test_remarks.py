@@ -125,7 +125,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     ),
     "branch": (1.0, 1, lambda x: judging.along_branch(np.floor(x), 0.0)),
     "limit-point": (bounds.FALLEN, 1, lambda x: judging.along_branch(0.0, x)),
-    "not-at-rest": (SETTLED, 1, lambda x: judging.unsettled(energy(x, 1.0), 0.0, 3e-4)),
+    "not-at-rest": (SETTLED, 1, lambda x: judging.unsettled(x, 0.0, 3e-4)),
     "tie-slack": (bounds.LOCKED * 0.5, -1, lambda x: judging.locked_off([TIE], np.array([x]), True)),
     "tie-tight": (0.5 / bounds.LOCKED, 1, lambda x: judging.locked_off([TIE], np.array([x]), True)),
     "knot-kept": (bounds.OFF_LAW * 0.5, 1, lambda x: judging.kept_knots([TIE], {"a": x, "b": 0.0}, 0.5)),
@@ -591,11 +591,11 @@ def test_an_organ_that_nothing_holds_is_told() -> None:
 def test_what_is_judged_by_two_numbers() -> None:
     """Independent check: a run without motion that still slides; a share that tells local from wide; P2; a bare point,
     to which no cells are fine enough; cells that were refined."""
-    still, at = energy(0.0, 1.0), 3e-4
-    assert judging.unsettled(still, bounds.SLID * at, at) == []
+    at = 3e-4
+    assert judging.unsettled(0.0, bounds.SLID * at, at) == []
     (slides,), (moves,) = (
-        judging.unsettled(still, bounds.SLID * at * (1 + ROUND), at),
-        judging.unsettled(energy(1.0, 1.0), 0.0, at),
+        judging.unsettled(0.0, bounds.SLID * at * (1 + ROUND), at),
+        judging.unsettled(1.0, 0.0, at),
     )
     assert (slides.code, moves.code) == ("not-at-rest", "not-at-rest")
     assert "slide" in slides.message and "kinetic" not in slides.message
@@ -614,6 +614,20 @@ def test_what_is_judged_by_two_numbers() -> None:
         and "'b' and 'c' are 1.5 mm apart" in near.message
         and near.message.endswith("moves the other; 1 more pair of holes is near")
     )
+
+
+def test_a_run_that_released_nearly_all_energy_is_at_rest() -> None:
+    """Independent check: an oscillation below 1 % of the deformation, with 1e-4 of its energy, is rest. If less than
+    1 % is left of the largest deformation, the oscillation is compared with this 1 %: 1e-4 and 1e-8 of the energy."""
+    end = energy(3.6e-23, 2.1e-28)
+    assert judging.unrest_at_end(end, 2e-4) < SETTLED < judging.unrest_at_end(end, 0.0)
+    for kinetic, elastic, moves in (
+        (1e-10, 1e-20, True),
+        (1e-13, 1e-20, False),
+        (1e-7, 1e-4, True),
+        (1e-9, 1e-4, False),
+    ):
+        assert (judging.unrest_at_end(energy(kinetic, elastic), 1e-4) > SETTLED) == moves
 
 
 def test_the_catalogue_has_every_code_once_and_each_is_judged() -> None:
@@ -703,7 +717,7 @@ def test_the_energy_of_a_prestretch_is_not_at_stake(scene: Path) -> None:
     assert energies.elastic_tissue == energies.prestretch > 0.0
     assert energies.at_stake < 1e-3 * energies.prestretch
     moving = replace(energies, kinetic=0.1 * energies.prestretch, elastic_tissue=0.9 * energies.prestretch)
-    assert [each.code for each in judging.unsettled(moving, 0.0, 3e-4)] == ["not-at-rest"]
+    assert judging.unrest_at_end(moving, 0.0) == pytest.approx(1.0, rel=1e-3)
     assert moving.at_stake == pytest.approx(0.2 * energies.prestretch, rel=1e-3)
 
 
