@@ -8,6 +8,7 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from coupling.reports.audit import audit_step, initial_energies
+from coupling.rest.equilibrium import settle
 from tests.bounds import IDENTITY, LINEAR, RESIDUAL, TWISTED
 from tests.thread.threads import (
     ORIGIN,
@@ -225,7 +226,9 @@ def test_michell(ratio: float) -> None:
     state = laid(system, [], circle(L))
     lowest = []
     for angle in (0.3, 0.6, 1.0 - TWISTED, 1.0 + TWISTED):
-        state = load_step(system, state, angle / (1.0 + TWISTED), 1.0)[-1].new
+        state = settle(
+            system, state, angle / (1.0 + TWISTED), 1.0
+        ).new  # a load step would be halved and leave the ring
         assert abs(state.reaction[1, 3] / (section.GJ * angle * critical / L) - 1.0) < LINEAR
         lowest.append(eigh(stiffness(system, state), eigvals_only=True)[:2])
     scale = lowest[0][1]
