@@ -34,7 +34,7 @@ from studies.scenario.piercing import place_refused
 from studies.scenario.scenario import check_apart
 from studies.scenario.values import Vector
 from studies.simulation.sharing import Shared, places_key
-from tissue.refinement.mark import BISECTED, GROWTH
+from tissue.refinement.mark import BISECTED
 from tissue.sites.surface import ON_SURFACE
 
 log = logging.getLogger(__name__)
@@ -200,7 +200,7 @@ def grading_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> Grading:
     radius = max(footprints, default=0.0)
     is_round = isinstance(shape, model.CylinderMesh | model.TubeMesh)
     if shape.h_site is None and is_round and shape.accuracy != "given":
-        least, growth = min([shape.h, *footprints]), float(np.exp(BISECTED[table.element][GROWTH]))
+        least, growth = min([shape.h, *footprints]), float(np.exp(BISECTED[table.element].growth))
         return Grading(shape.h, least, growth, least)
     return Grading(shape.h, shape.h_site or shape.h, shape.growth, radius)
 

@@ -5,6 +5,7 @@ At first the distance of a cell from the holes decides, and then its contributio
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -14,22 +15,35 @@ from tissue.arrays import Array, Indices
 from tissue.sites.site import Site
 from tissue.sites.surface import ON_SURFACE, Surface, closest_on_triangles, outer_surface
 
-# For each element: size of cells over the footprint's radius at which a half-space has the error
-# REACHED; this size for a ball inside, whose force is distributed over a volume, alone and in a line
-# of balls, where the zones of several balls overlap; growth of the size with the distance; order of
-# the error in the size below REACHED. Bisected cells are between half the wanted size and the whole,
-# and need up to twice as many unknowns for the same error as generated ones, whose edges have the
-# wanted size. P1 comes near to REACHED in two rounds.
-BISECTED = {"P1": (0.2, 0.2, 0.2, 0.4, 2.0), "P2": (0.6, 1.05, 1.05, 0.8, 4.0)}
-GENERATED = {"P1": (0.15, 0.15, 0.15, 0.3, 2.0), "P2": (0.4, 0.45, 0.7, 0.7, 2.6)}
-ORDER = {"P1": 2.0, "P2": 4.0}  # of the compliance error in the size
-Sizes = tuple[float, float, float, float, float]
-GROWTH = 3  # place of the growth among the sizes
-REACHED = 0.03
+ORDER = {"P1": 2.0, "P2": 4.0}  # of the compliance error in the size of cells
+REACHED = 0.03  # error of a compliance at the sizes of `Sizes`
 THINNEST = 0.4  # of the radius: thinner layers are refined by the estimate only
 BULK = 0.7  # largest share of the marked cells in the sum of the indicators (Dörfler, SIAM J. Numer. Anal. 33, 1996)
 SAFETY = 0.95  # of the error asked: a further round is expensive, and the errors of all holes do not decrease alike
 ALIKE = 1e-6  # of an indicator: cells that differ by less are mirror images and are marked together
+
+
+class Sizes(NamedTuple):
+    """Sizes of cells at which the compliance of a hole has the error REACHED.
+
+    They are those of cells over the footprint's radius: on a half-space, `on_surface`; at a ball
+    `inside`, whose force is distributed over a volume; and at a ball `in_line` with others, where
+    several have the same cells. The size grows with the distance by `growth`. Below REACHED the error
+    has the `order` in the size.
+    """
+
+    on_surface: float
+    inside: float
+    in_line: float
+    growth: float
+    order: float
+
+
+# Bisected cells are between half the wanted size and the whole, and need up to twice as many unknowns
+# for the same error as generated ones, whose edges have the wanted size. P1 comes near to REACHED in
+# two rounds.
+BISECTED = {"P1": Sizes(0.2, 0.2, 0.2, 0.4, 2.0), "P2": Sizes(0.6, 1.05, 1.05, 0.8, 4.0)}
+GENERATED = {"P1": Sizes(0.15, 0.15, 0.15, 0.3, 2.0), "P2": Sizes(0.4, 0.45, 0.7, 0.7, 2.6)}
 
 
 @dataclass(frozen=True)
@@ -57,18 +71,18 @@ def zones(
     A region of the mesh that begins or ends within the radius of a surface hole is a thin layer
     there. Such a layer needs proportionally smaller cells.
     """
-    on_surface, inside, in_line, growth, order = sizes[element]
-    looser = (accuracy / REACHED) ** (1.0 / (ORDER[element] if accuracy > REACHED else order))
+    over = sizes[element]
+    looser = (accuracy / REACHED) ** (1.0 / (ORDER[element] if accuracy > REACHED else over.order))
     surface = outer_surface(mesh)
     out, layers = [], borders(mesh)
     for site in (site for site in sites if site.radius > 0.0):
         point, axis = place(surface, site)
         if np.isfinite(axis).all():
             depth = np.linalg.norm(closest_on_triangles(point, layers) - point, axis=1).min(initial=site.radius)
-            least = on_surface * max(depth, THINNEST * site.radius)
+            least = over.on_surface * max(depth, THINNEST * site.radius)
         else:
-            least = (in_line if site.line else inside) * site.radius
-        out.append(Zone(point, axis, site.radius, looser * least, min(looser, 1.0) * growth))
+            least = (over.in_line if site.line else over.inside) * site.radius
+        out.append(Zone(point, axis, site.radius, looser * least, min(looser, 1.0) * over.growth))
     return out
 
 
@@ -77,7 +91,7 @@ def wanted(mesh: MeshTet, element: str, accuracy: float, sites: Sequence[Site]) 
 
     The cells have corners `(c, 4, 3)`. Arguments are as in `zones`.
     """
-    around, growth = zones(mesh, element, accuracy, sites, BISECTED), BISECTED[element][GROWTH]
+    around, growth = zones(mesh, element, accuracy, sites, BISECTED), BISECTED[element].growth
 
     def size(corners: Array) -> Array:
         middle, own = corners.mean(axis=1), 0.5 * np.cbrt(np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])))
