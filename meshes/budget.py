@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from meshes.grading import Grading, Gradings, grading_at
+from meshes.grading import Grading, Gradings, far_size, grading_at
 
 Array = NDArray[np.float64]
 
@@ -58,14 +58,14 @@ def expected_tets(
     site, over the points that have this site as the nearest one.
     """
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        each = grading_at(grading, len(sites))
-        h = grading.h if isinstance(grading, Grading) else each[0].h
-        cells = volume / np.float64(h) ** 3 + (_added(each, sites, inside) if each else 0.0)
+        cells = volume / np.float64(far_size(grading)) ** 3 + _added(grading_at(grading, len(sites)), sites, inside)
     return float(np.nan_to_num(cells, nan=np.inf, posinf=np.inf)) / TETRAHEDRON
 
 
 def _added(gradings: Sequence[Grading], sites: Array, inside: Callable[[Array], NDArray[np.bool_]]) -> float:
     """Return ∫ (1/size³ − 1/h³) dV about the sites."""
+    if all(each.h_site == each.h for each in gradings):
+        return 0.0
     # Shells with equal numbers of elements resolve the fine zone as well as the coarse one.
     edges = np.stack([each.distance(np.linspace(0.0, float(each.cells(each.reach)), SHELLS + 1)) for each in gradings])
     middle, content = (edges[:, 1:] + edges[:, :-1]) / 2, 4 * np.pi / 3 * np.diff(edges**3)

@@ -15,7 +15,7 @@ import skfem
 from numpy.typing import ArrayLike, NDArray
 
 from meshes.errors import MeshError
-from meshes.grading import Grading, Gradings, grading_at
+from meshes.grading import Grading, Gradings, far_size, grading_at
 from meshes.named import Named, named_mesh
 
 Array = NDArray[np.float64]
@@ -94,8 +94,7 @@ def generate(gmsh: Any, gradings: Gradings, sites: Array, unit: float) -> skfem.
     `gradings` has one grading for all sites, or one for each. The model is drawn in the `unit` [m].
     Raises `MeshError` if gmsh fails.
     """
-    each = grading_at(gradings, len(sites))
-    largest = gradings.h if isinstance(gradings, Grading) else max(grading.h for grading in each)
+    each, largest = grading_at(gradings, len(sites)), far_size(gradings)
     gmsh.option.setNumber("Mesh.MeshSizeMax", float(in_unit(largest, unit)))
     _set_size_field(gmsh, each, sites, unit)
     try:

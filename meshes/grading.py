@@ -96,6 +96,11 @@ class Grading:
 Gradings = Grading | Sequence[Grading]  # one for all sites, or one for each
 
 
+def far_size(gradings: Gradings) -> float:
+    """Return the largest size far from the sites [m]."""
+    return gradings.h if isinstance(gradings, Grading) else max(each.h for each in gradings)
+
+
 def grading_at(gradings: Gradings, count: int) -> list[Grading]:
     """Return the grading of each of `count` sites.
 

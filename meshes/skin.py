@@ -22,7 +22,7 @@ from meshes.errors import MeshError
 from meshes.facets import six_volumes
 from meshes.file import meshio_data, scaled
 from meshes.gmsh_session import generate, in_unit, session
-from meshes.grading import Gradings, site_points
+from meshes.grading import Grading, site_points
 from meshes.groups import cells_of
 
 Array = NDArray[np.float64]
@@ -71,7 +71,7 @@ def read_surface(path: str | Path, metres_per_unit: float) -> Skin:
     return Skin(points, triangles)
 
 
-def fill(skin: Skin, grading: Gradings, sites: ArrayLike = ()) -> skfem.MeshTet:
+def fill(skin: Skin, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
     """Return a mesh of the inside of a surface by gmsh, graded toward sites `(p, 3)` [m].
 
     The mesh has the boundary "surface". The surface is cut into patches at its sharp edges. Each

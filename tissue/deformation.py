@@ -6,6 +6,7 @@ from tissue.arrays import Array
 from tissue.elasticity import Elasticity
 from tissue.hyperelasticity import Hyperelasticity
 from tissue.materials.density import Density, determinant
+from tissue.stress import nodal_averages
 
 
 def principal_stretch(hyper: Hyperelasticity, U: Array) -> tuple[Array, Array, Array]:
@@ -38,21 +39,19 @@ def cauchy_stress(hyper: Hyperelasticity, U: Array, density: Density | None = No
     """
     body, F = hyper.body, hyper.gradient(U)
     sigma = np.einsum("ikqc,jkqc->ijqc", hyper.stress(F, density), F) / determinant(F)
-    six = np.stack([sigma[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))])
-    volume, m, at = hyper.weights.sum(axis=0), len(body.nodes), body.cells.ravel()
-    each = np.einsum("nq,sqc->scn", _to_nodes(body), six * volume).reshape(6, -1)
-    total = np.bincount(at, np.repeat(volume, body.cells.shape[1]), m)
-    return np.column_stack([np.bincount(at, part, m) / total for part in each])
+    six = np.stack([sigma[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))], axis=-1)
+    values = np.einsum("nq,qcs->ncs", _to_nodes(body), six)
+    return np.asarray(nodal_averages(body) @ values.reshape(-1, 6))
 
 
 def _to_nodes(body: Elasticity) -> Array:
     """Return the matrix from values at the quadrature points of a cell to its nodes, shape `(n, q)`.
 
-    A linear field is fitted by least squares, or a constant one to the point of a linear cell.
+    A linear field is fitted by least squares. A linear cell has one value, as in `nodal_averages`.
     """
-    points = np.asarray(body.rule[0])
-    terms = 4 if len(points) > 1 else 1
-    of_nodes, of_points = (np.insert(x, 0, 1.0, axis=1)[:, :terms] for x in (np.asarray(body.cell.doflocs), points))
+    if body.element == "P1":
+        return np.ones((1, 1))
+    of_nodes, of_points = (np.insert(np.asarray(x), 0, 1.0, axis=1) for x in (body.cell.doflocs, body.rule[0]))
     return np.asarray(of_nodes @ np.linalg.pinv(of_points))
 
 

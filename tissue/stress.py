@@ -54,7 +54,7 @@ def stress_recovery(elasticity: Elasticity, share: PerCell | None = None) -> Str
     if share is not None:
         shear = share * np.asarray(material.lame_mu)
         spread, pressure = -2.0 / 3.0 * shear, csr_matrix(pressure.shape)
-    average, slopes = _averages(elasticity), _nodal_slopes(elasticity)
+    average, slopes = nodal_averages(elasticity), _nodal_slopes(elasticity)
     parts = np.split(np.arange(slopes.shape[0]), 3)  # ∂/∂x, ∂/∂y, ∂/∂z
     blocks = [
         average
@@ -77,7 +77,7 @@ def _nodal_slopes(elasticity: Elasticity) -> csr_matrix:
     return slope_matrix(elasticity, np.asarray(elasticity.cell.doflocs))
 
 
-def _averages(elasticity: Elasticity) -> csr_matrix:
+def nodal_averages(elasticity: Elasticity) -> csr_matrix:
     """Return the matrix that averages cell values at each node by volume, shape `(m, a c)`.
 
     The cell values are in the order of `_nodal_slopes`.
@@ -132,7 +132,7 @@ def _nodal_pressure(elasticity: Elasticity) -> csr_matrix:
     if pressure is None:
         return csr_matrix((len(elasticity.nodes), elasticity.N))
     if elasticity.dilatation == "mean":
-        average = _averages(elasticity)
+        average = nodal_averages(elasticity)
         return csr_matrix(average @ vstack([pressure] * (average.shape[1] // len(elasticity.cells))))
     if elasticity.element == "P1":
         return pressure

@@ -69,7 +69,7 @@ def organ_mesh(scenario: Scenario, given: skfem.MeshTet | None = None, sites: Si
     log.info("making the mesh: a %s", table.mesh.kind)
     mesh = named_mesh(scenario, table, mesh_of(table, scenario.piercing) if given is None else given)
     accuracy = table.mesh.accuracy
-    if given is None and sites is not None and accuracy != "given" and is_sized(scenario):
+    if sites is not None and accuracy != "given" and is_sized(scenario):
         around = tissue.zones(mesh, table.element, accuracy, sites(mesh))
         return named_mesh(scenario, table, mesh_of(table, scenario.piercing, around)) if around else mesh
     return mesh

@@ -205,9 +205,8 @@ def fitted(
     if shape.accuracy == "given":
         return body_on(mesh), None
     mirror = wound_of(shape).normal_axis if isinstance(shape, WoundMesh) and shape.width else None
-    sized = given.volume is None and is_sized(scenario)
     most = psutil.virtual_memory().available / BYTES_PER_UNKNOWN[table.element]
-    fit = tissue.fitted(mesh, table.element, body_on, sites, shape.accuracy, most, mirror, sized)
+    fit = tissue.fitted(mesh, table.element, body_on, sites, shape.accuracy, most, mirror, is_sized(scenario))
     return fit.body, fit
 
 

@@ -41,7 +41,8 @@ class Sizes(NamedTuple):
 
 # Bisected cells are between half the wanted size and the whole, and need up to twice as many unknowns
 # for the same error as generated ones, whose edges have the wanted size. P1 comes near to REACHED in
-# two rounds.
+# two rounds. Below REACHED generated cells need a smaller growth too. Bisected cells do not, because
+# their neighbours are cut as well.
 BISECTED = {"P1": Sizes(0.2, 0.2, 0.2, 0.4, 2.0), "P2": Sizes(0.6, 1.05, 1.05, 0.8, 4.0)}
 GENERATED = {"P1": Sizes(0.15, 0.15, 0.15, 0.3, 2.0), "P2": Sizes(0.4, 0.45, 0.7, 0.7, 2.6)}
 
