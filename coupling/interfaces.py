@@ -23,8 +23,8 @@ Body = TypeVar("Body")
 # For an organ without inertia: its elastic energy under weight and loads alone [J], the displacement of the sites by
 # these, and the forces on the sites [N, N m], `(9p,)` each.
 SteadyLoads = tuple[float, Array, Array]
-# The motion of an organ in modes (`ModalArrays`): η, η̇, η̈ (n,), the forces on the sites (9p,), and the residual of
-# the check or the largest forces so far.
+# The motion of an organ in modes (`ModalArrays`): η, η̇, η̈ (n,), the forces on the sites (9p,), and the largest forces
+# so far.
 ModalMotion = tuple[Array, Array, Array, Array, float]
 
 

@@ -16,7 +16,6 @@ from tissue.organs.krylov import KrylovOrgan, has_space
 from tissue.organs.lips import Gaps, Part, build_gaps, surface_gaps
 from tissue.organs.meshed import OrganState
 from tissue.organs.quasi_static import QuasiStaticOrgan
-from tissue.organs.reduced import ReducedOrgan, Reduction, check_reducible, reduce_organ
 from tissue.organs.relaxing import RelaxingOrgan
 from tissue.organs.rim import Rim
 from tissue.organs.skin import skin_of
@@ -53,8 +52,6 @@ __all__ = [
     "Prony",
     "QuasiStaticOrgan",
     "Ranks",
-    "ReducedOrgan",
-    "Reduction",
     "RelaxingOrgan",
     "Rim",
     "Site",
@@ -67,7 +64,6 @@ __all__ = [
     "cauchy_stress",
     "cell_energy",
     "cells_at",
-    "check_reducible",
     "conjugate_gradients",
     "depths",
     "distances",
@@ -84,7 +80,6 @@ __all__ = [
     "nodal_volume_ratio",
     "principal",
     "principal_stretch",
-    "reduce_organ",
     "relative_bounds",
     "rigid_motions",
     "skin_of",

@@ -69,7 +69,9 @@ def write_checkpoint(folder: Path, arrays: Arrays) -> None:
     record = np.empty((), dtype=[(name, array.dtype, array.shape) for name, array in given.items()])
     for name, array in given.items():
         record[name] = array
-    write_arrays(folder / CHECKPOINT, {"record": record})
+    data = io.BytesIO()
+    np.savez(data, record=record)
+    write_bytes(folder / CHECKPOINT, sealed(data.getvalue()))
 
 
 def read_checkpoint(folder: Path) -> dict[str, NDArray[Any]] | None:
@@ -82,33 +84,16 @@ def read_checkpoint(folder: Path) -> dict[str, NDArray[Any]] | None:
     if not path.is_file():
         return None
     try:
-        found = read_arrays(path)
+        data = path.read_bytes()
     except OSError as error:
         raise ScenarioError(f"{path} cannot be read ({error.strerror}); {ANEW}") from None
-    if found is None:
+    if not is_sealed(data):
         raise ScenarioError(f"{path} is damaged: its checksum differs; {ANEW}")
+    with np.load(io.BytesIO(data), allow_pickle=False) as file:
+        found = dict(file)
     if found.keys() != {"record"}:
         raise ScenarioError(f"{path} is of another version of this code; {ANEW}")
     return {name: found["record"][name].copy() for name in found["record"].dtype.names or ()}
-
-
-def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
-    """Write arrays into a file with the checksum of its content."""
-    data = io.BytesIO()
-    np.savez(data, **arrays)
-    write_bytes(path, sealed(data.getvalue()))
-
-
-def read_arrays(path: Path) -> dict[str, NDArray[Any]] | None:
-    """Read the arrays of a file; None if the file differs from the written one.
-
-    Raises `OSError`.
-    """
-    data = path.read_bytes()
-    if not is_sealed(data):
-        return None
-    with np.load(io.BytesIO(data), allow_pickle=False) as file:
-        return dict(file)
 
 
 def sealed(archive: bytes) -> bytes:

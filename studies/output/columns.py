@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from studies.manual import with_blocks
 from studies.output import remarks
-from studies.output.records import APART, LIST, Extremes, Record, StepRecord
+from studies.output.records import APART, LIST, Extremes, StepRecord
 from studies.scenario import Scenario
 
 Row = TypeVar("Row")
@@ -151,8 +151,6 @@ RANGE = columns_of(
     rotated_share=lambda met: met.share(met.rotated),
 )
 HOLE_RANGE = columns_of("hole_range")
-(REDUCTION,) = columns_of("reduction")
-HOLE_REDUCTION = columns_of("hole_reduction")
 KRYLOV = columns_of("krylov")
 RUN = columns_of(
     "run",
@@ -257,16 +255,6 @@ def range_summary(names: Iterable[str], extremes: Extremes) -> dict[str, Any]:
     return {**values(RANGE, extremes), "piercings": holes}
 
 
-def reduction_summary(names: Iterable[str], extremes: Extremes, small: Record) -> dict[str, Any]:
-    """Return the error estimates of a small basis for ``summary.json``."""
-    each = (of_holes.tolist() for of_holes in (extremes.difference, extremes.bound, small.stiffness))
-    holes = {
-        name: {"difference": off, "bound": most, "force_difference": off * k, "force_bound": most * k}
-        for name, off, most, k in zip(names, *each, strict=True)
-    }
-    return {**values([REDUCTION], small), "piercings": holes}
-
-
 def of_end(end: str, column: Column[Any]) -> Column[Any]:
     """Return a column of an end of the thread by the name that the summary gives it."""
     name, *parts = (each.removeprefix(f"{end}_") for each in (column.name, *column.parts))
@@ -291,8 +279,6 @@ SUMMARY: dict[tuple[str, ...], Sequence[Column[Any]]] = {  # by the place in ``s
     ("loads", ANY): LOAD,
     ("range",): RANGE,
     ("range", "piercings", ANY): HOLE_RANGE,
-    ("reduction",): (REDUCTION,),
-    ("reduction", "piercings", ANY): HOLE_REDUCTION,
     ("krylov",): KRYLOV,
 }
 

@@ -61,9 +61,6 @@ OrganRecord = record_of(
 )
 # Size and residual of an organ's Krylov space at one time.
 KrylovRecord = record_of("KrylovRecord", "krylov")
-# An organ's small basis at one time: for each hole (p,) the `difference` of its place from that with one block more,
-# the `bound` of the distance from its place in the whole organ [m], and its largest static `stiffness` [N/m].
-ReductionRecord = record_of("ReductionRecord", "reduction", needed=("difference", "bound", "stiffness"))
 
 
 @dataclass(frozen=True)
@@ -125,7 +122,6 @@ class StepRecord:
     contact: tuple[Record, ...] = ()  # of all surfaces that can touch
     loads: tuple[Record, ...] = ()
     tracts: tuple[TractRecord, ...] = ()
-    reduction: Record | None = None  # None unless the organ is in a small basis
     krylov: Record | None = None  # None unless the organ is in its Krylov space
     ties: tuple[TieObservation, ...] = ()
     profile: Callable[[], tuple[Record, ...]] = field(default=tuple, repr=False)  # computes the gaps along all rims
@@ -203,12 +199,6 @@ class Extremes:
     turn: Array = field(metadata={"step": lambda step: [hole.turn for hole in step.piercings]})
     # (p,) pressure of the thread on the tissue at each hole [Pa]
     bearing_pressure: Array = field(metadata={"step": lambda step: [hole.bearing_pressure for hole in step.piercings]})
-    # (p,) displacement of each hole from the reference shape [m]
-    way: Array = field(metadata={"step": lambda step: [float(norm(hole.displacement)) for hole in step.piercings]})
-    # (p,) distance from the place with one block more of a small basis [m]
-    difference: Array = field(metadata={"step": lambda step: step.reduction and step.reduction.difference})
-    # (p,) bound of the distance from the place in the whole organ [m]
-    bound: Array = field(metadata={"step": lambda step: step.reduction and step.reduction.bound})
     # (p,) violation of Coulomb's law at each hole while hands draw a tie [N]
     off_law: Array = field(metadata={"step": law_violations})
     # (p,) strain of the cells on which each hole bears [-]
@@ -315,7 +305,7 @@ def larger(met: Any, now: Any) -> Any:
 def nothing_met(piercings: int, ties: int) -> Extremes:
     """Return the extremes before the start of a run, for these numbers of piercings and ties."""
     unknown = (SEEN + 1, piercings, 3), (SWITCHES, piercings), (piercings,), (ties,)
-    return Extremes(*np.zeros((9, piercings)), *(np.full(shape, np.nan) for shape in unknown))
+    return Extremes(*np.zeros((6, piercings)), *(np.full(shape, np.nan) for shape in unknown))
 
 
 Ending = tuple[StepRecord, Extremes]  # the last step of a run, and the largest values until then

@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from studies.output.checkpoint import ANEW, CHECKPOINT, Arrays, pack, unpack
-from studies.output.columns import RUN, range_summary, reduction_summary, state_summary, values
+from studies.output.columns import RUN, range_summary, state_summary, values
 from studies.output.records import Ending, Record, StepRecord, nothing_met
 from studies.output.remarks import Remark
 from studies.scenario import Scenario, ScenarioError
@@ -95,8 +95,6 @@ class Tally:
         parts: dict[str, Any] = {"remarks": [remark.record() for remark in self.remarks]}
         if self.scenario.tissue is not None:
             parts["range"] = range_summary(self._names, self._extremes)
-        if step is not None and step.reduction is not None:
-            parts["reduction"] = reduction_summary(self._names, self._extremes, step.reduction)
         if step is not None and step.krylov is not None:
             parts["krylov"] = {"vectors": step.krylov.vectors, "residual": self._extremes.residual}
         if "rounds" in self.refinement:

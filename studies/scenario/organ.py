@@ -280,17 +280,6 @@ class Region(MaterialKeys):
             check_box(self.box)
 
 
-class Reduction(ScenarioTable):
-    """Small basis for the motion of the organ.
-
-    It contains static responses to the piercings, weight and loads, Krylov blocks and modes.
-    """
-
-    blocks: Annotated[int, Field(strict=True, ge=0, le=20)] = 2
-    modes: Annotated[int, Field(strict=True, ge=0, le=1000)] = 0
-    keep: Annotated[str, Field(strict=True, min_length=1)] | None = None
-
-
 class Tissue(MaterialKeys):
     """Organ of a linear material at small strain, or of a hyperelastic material."""
 
@@ -305,7 +294,6 @@ class Tissue(MaterialKeys):
     inertia: Flag = True
     solver: Literal["auto", "superlu", "cholmod", "pardiso", "multigrid"] = "auto"
     rayleigh: tuple[NotNegative, NotNegative] = (0.0, 0.0)
-    reduction: Reduction | None = None
     clamp: tuple[Text, ...] = ()
     roller: tuple[Text, ...] = ()
     contact: Flag = False
@@ -354,13 +342,6 @@ class Tissue(MaterialKeys):
     def relaxes(self) -> bool:
         """Whether stress relaxes anywhere in the organ."""
         return bool(self.relaxation) or any(region.relaxation for region in self.region)
-
-    def _check_reduction(self) -> None:
-        reduced, finite = self.reduction is not None, self.material != "linear"
-        self._refuse(reduced and finite, "reduction.finite")
-        self._refuse(reduced and self.contact, "reduction.contact")
-        self._refuse(reduced and self.relaxes, "reduction.relaxation")
-        self._refuse(reduced and not self.inertia, "reduction.inertia")
 
     def _check_cells(self) -> None:
         self._refuse((self.element, self.dilatation) == ("P1", "mean"), "dilatation.mean")

@@ -151,7 +151,6 @@ class Scenario(ScenarioTable):
             return
         shown = "thread.contact", self.thread.model_dump(mode="json")["contact"]
         self._refuse(self.tissue is None, "thread.contact.organ", shown)
-        self._refuse(self.tissue and self.tissue.reduction, "thread.contact.reduction", shown)
         for hole in self.piercing:
             begins = hole.from_
             self._refuse(begins > 0.0, "thread.contact.later", shown, key=hole.key("from"), begins=begins)
@@ -191,19 +190,11 @@ class Scenario(ScenarioTable):
             return "it needs inertia, and time steps by Newton of thread and organ in one system; leave it out"
         if organ.material != "linear" or self.touching or self.thread.surface is not None:
             return "it needs a linear organ without contact; leave it out"
-        if organ.relaxes:
-            return "tissue.relaxation is given, but the space cannot relax; leave out one of them"
-        return "tissue.reduction is another basis; leave out one of them" if organ.reduction is not None else ""
+        return "tissue.relaxation is given, but the space cannot relax; leave out one of them" if organ.relaxes else ""
 
     def _check_krylov(self) -> None:
         why = self.without_krylov
         self._refuse(self.solve.organ == "krylov" and why, "solve.organ.krylov", why=why)
-
-    def _check_reduction(self) -> None:
-        if self.tissue is not None and self.tissue.reduction is not None:
-            shown = "tissue.reduction", self.tissue.reduction.model_dump()
-            self._refuse(self.solve.kind == "static", "tissue.reduction.static", shown)
-            self._refuse(self.contact, "tissue.reduction.contact", shown)
 
     def _check_material(self) -> None:
         if self.tissue is None or self.tissue.material == "linear":

@@ -36,7 +36,7 @@ def load(source: Path | str | Mapping[str, Any], overrides: Sequence[str] = ()) 
 def read(source: Path | str | Mapping[str, Any], overrides: Sequence[str] = ()) -> dict[str, Any]:
     """Return the tables of a scenario like `load`, without validation.
 
-    The paths of a mesh file and of a folder of bases are absolute.
+    The path of a mesh file is absolute.
     """
     if isinstance(source, Mapping):
         data, folder = deepcopy(dict(source)), Path()
@@ -252,11 +252,10 @@ def _index(entries: list[Any], part: str, parent: str, text: str) -> int:
 
 def _make_paths_absolute(data: dict[str, Any], folder: Path) -> None:
     tissue = data.get("tissue")
-    for name, key in (("mesh", "path"), ("reduction", "keep")):
-        table = tissue.get(name) if isinstance(tissue, dict) else None
-        if isinstance(table, dict) and isinstance(path := table.get(key), str) and path:
-            with suppress(OSError, ValueError, RuntimeError):  # an impossible or circular path is refused later
-                table[key] = str((folder / path).resolve())
+    mesh = tissue.get("mesh") if isinstance(tissue, dict) else None
+    if isinstance(mesh, dict) and isinstance(path := mesh.get("path"), str) and path:
+        with suppress(OSError, ValueError, RuntimeError):  # an impossible or circular path is refused later
+            mesh["path"] = str((folder / path).resolve())
 
 
 def file_faults(path: Any) -> list[str]:

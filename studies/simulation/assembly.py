@@ -124,7 +124,7 @@ def assemble(scenario: Scenario, store: Shared | None = None, given: Given = NOT
     check_balls(scenario.thread, holes)
     sites = [site_of(hole) for hole in holes]
     body, fit = stored_body(scenario, sites, mesh, store, given)
-    make_organ = partial(organ_of, scenario, sites, body, fit, given, store)
+    make_organ = partial(organ_of, scenario, sites, body, fit, given)
     organ: AnyOrgan = store.take("organ", organ_key(scenario), make_organ)
     at = np.array(s) * (path.length / length)
     if (skin := getattr(organ, "skin", None)) is not None:

@@ -4,29 +4,24 @@ Cells at the holes are refined to the requested accuracy of the compliance. The 
 differs from cell to cell if regions differ.
 """
 
-import hashlib
-import logging
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import cache, partial
-from pathlib import Path
 
 import numpy as np
 import psutil
 import skfem
-from scipy.sparse import csr_matrix
 
 import tissue
 from meshes.budget import BYTES_PER_UNKNOWN
 from meshes.wound import lips
 from studies.arrays import Array
-from studies.output.checkpoint import read_arrays, write_arrays
-from studies.scenario import PulledEnd, Scenario, Solve, Tissue, WoundMesh, refused
-from studies.scenario.organ import LIPS, Load, Reduction
+from studies.scenario import PulledEnd, Scenario, Solve, Tissue, WoundMesh
+from studies.scenario.organ import LIPS, Load
 from studies.scenario.values import Turn
 from studies.simulation.given import Given
 from studies.simulation.meshing import check_loaded, is_sized, material_of, motions_left, owned, wound_of
-from studies.simulation.sharing import Shared, body_key, reduction_key
+from studies.simulation.sharing import Shared, body_key
 from tissue.elasticity import formulation
 from tissue.materials.density import Sum
 from tissue.materials.fibres import Fibres
@@ -34,14 +29,11 @@ from tissue.materials.isotropic import Exponential
 from tissue.organs.finite import KEEP, keep_at_rest
 from tissue.solvers.direct import LIBRARIES
 
-log = logging.getLogger(__name__)
-
-Dynamic = tissue.DynamicOrgan | tissue.KrylovOrgan | tissue.ReducedOrgan
+Dynamic = tissue.DynamicOrgan | tissue.KrylovOrgan
 AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | Dynamic | tissue.FiniteOrgan
 
 SMALLEST = 5_000  # unknowns of an organ for a Krylov space: for a smaller organ all unknowns cost hardly more per step
 LARGEST = 100_000  # unknowns: above this the Krylov space takes as long as the rest of the preparation
-FORMAT = 2  # of the files with bases: a file with another meaning of its arrays has another number
 MOST_PULLS = 60  # variables of sites and loads, with eight vectors each: six holes
 
 
@@ -51,14 +43,12 @@ def organ_of(
     body: tissue.Elasticity | None,
     fit: tissue.Fitted | None,
     given: Given,
-    store: Shared,
 ) -> AnyOrgan:
     """Return the organ with its holes at the `sites`, for the coupling.
 
     The organ is linear or at finite strain, with or without inertia. A linear organ can be in its
-    Krylov space or in a small basis. Without `[tissue]` the holes are points fixed in space. The
-    `fit` of a refined body has located the holes already. A small basis comes from the `store` if
-    possible.
+    Krylov space. Without `[tissue]` the holes are points fixed in space. The `fit` of a refined
+    body has located the holes already.
     """
     if body is None or scenario.tissue is None:
         return tissue.fixed_sites(sites)
@@ -85,8 +75,6 @@ def organ_of(
             organ.operator(0.0, 0.0)  # all ranks solve its columns now, because later they can do other work
         return organ
     full = tissue.DynamicOrgan(*known, rayleigh=scenario.tissue.rayleigh)
-    if scenario.tissue.reduction is not None:
-        return reduced(full, scenario.tissue.reduction, reduction_key(scenario), store)
     return tissue.KrylovOrgan(full) if takes_krylov(scenario, full) else full
 
 
@@ -101,14 +89,6 @@ def takes_krylov(scenario: Scenario, full: tissue.DynamicOrgan) -> bool:
     pulls = full.Y.shape[0] + full.surface_load.shape[1]
     pays = SMALLEST <= full.size <= LARGEST and pulls <= MOST_PULLS and full.choice.name in LIBRARIES
     return pays and tissue.has_space(full)
-
-
-def reduced(full: tissue.DynamicOrgan, table: Reduction, key: str, store: Shared) -> tissue.ReducedOrgan:
-    """Return an organ in a small basis, which has this `key` in the store. Raises `TissueError`."""
-    make = partial(tissue.reduce_organ, full, table.blocks, table.modes)
-    if table.keep is not None:
-        make = partial(kept_reduction, full, table.blocks, table.modes, Path(table.keep))
-    return tissue.ReducedOrgan(full, store.take("reduction", key, make))
 
 
 def loads_of(scenario: Scenario) -> tuple[tissue.SurfaceLoad, ...]:
@@ -260,56 +240,3 @@ def prestretch_of(table: Tissue, body: tissue.Elasticity) -> Array:
     owner, every = owned(table, body.mesh, "prestretch")
     stretches = np.array([stretch or (1.0, 1.0, 1.0) for stretch in every])
     return stretches[0] if len(every) == 1 else np.ascontiguousarray(stretches[owner].T)
-
-
-# --- small bases, stored in a folder: the name of each file is a digest of all its inputs -----------------
-# The inputs are the matrices themselves: stiffness, mass, sites and loads. Any mesh, material and holes with the same
-# matrices, to the last bit, have the same basis. A program with another assembly does not find the bases of an older
-# one.
-
-
-def kept_reduction(organ: tissue.DynamicOrgan, blocks: int, modes: int, folder: Path) -> tissue.Reduction:
-    """Return the reduction of an organ from a folder, else make and store it.
-
-    A damaged file is replaced. Raises `TissueError` for an organ without a reduction, and
-    `ScenarioError` if the folder cannot be written.
-    """
-    tissue.check_reducible(organ, blocks, modes)
-    file = folder / f"{digest_of(organ, blocks, modes)}.npz"
-    found = _read(file)
-    if found is not None:
-        log.info("basis of the organ: %d vectors from %s", found.size, file)
-        return found
-    basis = tissue.reduce_organ(organ, blocks, modes)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        write_arrays(file, asdict(basis))
-    except OSError as error:
-        raise refused("tissue.reduction.keep", str(folder), "basis-folder", error=error) from error
-    return basis
-
-
-def digest_of(organ: tissue.DynamicOrgan, blocks: int, modes: int) -> str:
-    """Return the SHA-256 of all inputs of a basis, including its solver."""
-    digest = hashlib.sha256(f"{FORMAT} {blocks} {modes} {organ.size} {organ.choice.name}".encode())
-    for part in (organ.K, organ.M, organ.Y, organ.load, organ.surface_load):
-        for numbers in _arrays(part):
-            digest.update(f"{numbers.dtype.str} {numbers.shape}".encode())
-            digest.update(np.ascontiguousarray(numbers).data)
-    return digest.hexdigest()
-
-
-def _arrays(part: csr_matrix | Array) -> tuple[Array, ...]:
-    """Return the arrays of a matrix, the indices of a sparse matrix in 64 bits."""
-    if isinstance(part, csr_matrix):
-        return part.data, part.indices.astype(np.int64), part.indptr.astype(np.int64)
-    return (part,)
-
-
-def _read(file: Path) -> tissue.Reduction | None:
-    """Return the reduction in a file, None if the file is missing or damaged."""
-    try:
-        found = read_arrays(file)
-    except OSError:
-        return None
-    return None if found is None else tissue.Reduction(**found)

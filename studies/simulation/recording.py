@@ -51,7 +51,6 @@ def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | No
         contact=contact_records(now, open_lips),
         loads=load_records(system, state),
         tracts=tract_records(sight.piercings),
-        reduction=reduction_record(system, state),
         krylov=krylov_record(system, state),
         ties=now.ties,
         profile=partial(gap_profile, now, open_lips),
@@ -209,21 +208,6 @@ def load_records(system: System, state: State) -> tuple[records.Record, ...]:
     return tuple(
         records.LoadRecord(boundary=load.boundary, share=share, area=area, force=share * force)
         for load, share, area, force in numbers
-    )
-
-
-def reduction_record(system: System, state: State) -> records.Record | None:
-    """Return the error estimates of the organ's small basis at the piercings in a state.
-
-    They are None without a basis.
-    """
-    organ = system.organ
-    if not isinstance(organ, tissue.ReducedOrgan):
-        return None
-    small, own = organ.reduction, np.array([not hole.tract for hole in system.piercings], dtype=bool)
-    difference, bound = organ.difference(state.organ)[own], organ.bound(state.organ)[own]
-    return records.ReductionRecord(
-        vectors=small.size, difference=difference, bound=bound, stiffness=small.stiffness[own]
     )
 
 

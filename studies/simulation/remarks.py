@@ -136,7 +136,6 @@ def met(assembly: Assembly, ending: records.Ending) -> Iterator[Remark]:
     if not isinstance(assembly.organ, tissue.FiniteOrgan):
         yield from beyond_at_holes(names, extremes)
         yield from beyond_in_tissue(extremes)
-    yield from missed_by_basis(names, extremes)
     yield from torn(names, extremes, strengths)
     yield from beyond_bounds(extremes, strength_of(scenario))
     yield from stiff_in_tracts(scenario, step.tracts)
@@ -193,14 +192,6 @@ def beyond_in_tissue(extremes: records.Extremes) -> Iterator[Remark]:
     turns = rotation > bounds.SMALL_ROTATION and rotated > bounds.SHARE
     yield from judged(strain > bounds.SMALL_STRAIN, code, "tissue", strain=strain, share=strained)
     yield from judged(turns, "tissue-rotation", "tissue", rotation=rotation, share=rotated)
-
-
-def missed_by_basis(names: Sequence[str], extremes: records.Extremes) -> Iterator[Remark]:
-    """Yield remarks on the error of the organ's small basis at its holes; none without a basis."""
-    limit = bounds.REDUCED * float(extremes.way.max(initial=0.0))
-    for name, difference, bound in zip(names, extremes.difference, extremes.bound, strict=True):
-        code, distance = ("reduction", difference) if difference > limit else ("reduction-bound", bound)
-        yield from judged(distance > limit, code, name, distance=distance / MILLI, limit=limit / MILLI)
 
 
 def torn(names: Sequence[str], extremes: records.Extremes, strengths: Sequence[float]) -> Iterator[Remark]:

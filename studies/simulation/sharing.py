@@ -22,7 +22,7 @@ OF_STEPS = (
 )  # fmt: skip
 OF_THREAD = ("kind", "s", "friction", "from", "until", "draw", "pull", "channel")  # of a piercing
 # keys of the organ that do not affect its mesh and stiffness
-OF_MOTION = ("inertia", "rayleigh", "solver", "contact", "load", "reduction")
+OF_MOTION = ("inertia", "rayleigh", "solver", "contact", "load")
 OF_PULL = ("force", "ramp")  # of an end of the thread: the thread is laid before the loads act
 OF_LENGTH = ("start", "dt", "duration", "load_steps")  # of a run: the thread is laid before the run
 OF_MATERIAL = ("youngs_modulus", "poisson_ratio", "density", "dilatation")
@@ -51,12 +51,6 @@ def organ_key(scenario: Scenario) -> str:
     bears = scenario.thread.surface
     more = {"krylov": scenario.has_krylov, "bears": None if bears is None else bears.friction}
     return digest(organ_tables(scenario) | more, scenario)
-
-
-def reduction_key(scenario: Scenario) -> str:
-    """Return the digest of all inputs of an organ's basis; damping is not an input."""
-    plain = organ_tables(scenario)
-    return digest(plain | {"tissue": without(plain.get("tissue", {}), ("rayleigh",))}, scenario)
 
 
 def start_key(scenario: Scenario) -> str:

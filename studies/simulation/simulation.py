@@ -159,12 +159,12 @@ class Simulation:
         """The solution methods.
 
         `solver` is the organ's solver after the choice of `auto`. `organ` is the initial solution
-        of its steps: "whole", in its "krylov" space or in a small "basis"; both are None without an
-        organ. A recorder adds the step of a change to the whole organ.
+        of its steps: "whole" or in its "krylov" space; both are None without an organ. A recorder
+        adds the step of a change to the whole organ.
         """
         solve, choice = self.scenario.solve, getattr(self.assembly.organ, "choice", None)
-        spaces = {tissue.KrylovOrgan: "krylov", tissue.ReducedOrgan: "basis"}
-        organ = spaces.get(type(self.assembly.organ), "whole") if choice else None
+        space = "krylov" if isinstance(self.assembly.organ, tissue.KrylovOrgan) else "whole"
+        organ = space if choice else None
         ways = solve.model_dump(include={"kind", "start", "scheme", "integrator", "coupling", "friction"})
         return {"solver": choice.name if choice else None, "organ": organ, "newton": self._newton, **ways}
 

@@ -67,19 +67,9 @@ SCENES: dict[str, Callable[[], Scenario]] = {
     "knots that stand still, BDF2": lambda: slow(drawn({"channel": 5e-3}, knots="fixed"), 5e-4),
     "organ without inertia": lambda: load("two_piercings", [*GENTLE, EULER, "solve.dt=8e-4"]),
     "organ without inertia, BDF2": lambda: load("two_piercings", [*GENTLE, BDF2]),
-    "organ in a small basis": lambda: load("two_piercings", [*SMALL, EULER]),
-    "organ in a small basis, BDF2": lambda: load("two_piercings", [*SMALL, BDF2]),
     "organ in its Krylov space": lambda: load("two_piercings", [*KRYLOV, EULER]),
     "organ in its Krylov space, BDF2": lambda: load("two_piercings", [*KRYLOV, BDF2]),
 }
-SMALL = [
-    "tissue.mesh.h=8e-3",
-    "tissue.mesh.accuracy=given",
-    "tissue.element=P2",
-    "tissue.mesh.h_site=4e-3",
-    "solve.gravity=[0, 0, -9.81]",
-    "tissue.reduction={}",
-]
 KRYLOV = [
     "tissue.mesh.h=6e-3",
     "tissue.mesh.accuracy=given",

@@ -53,7 +53,6 @@ clamp = ["left"]
 roller = ["bottom"]
 solver = "superlu"
 dilatation = "nodal"
-reduction = { blocks = 1, modes = 1, keep = "bases" }
 mesh = { kind = "block", size = [0.03, 0.02, 0.01], h = 5.0e-3, growth = 1.4, accuracy = "given", bound = false }
 load = [{ boundary = "right", traction = [10.0, 0, 0], ramp = 0.01 }]
 [thread]

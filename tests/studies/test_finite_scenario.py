@@ -74,7 +74,6 @@ RUNS: dict[str, tuple[dict[str, Any], str]] = {  # keys added, and an event that
     "a floating body": ({"tissue": {"clamp": []}}, ""),
 }
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
-    "reduction": ({"tissue": {"reduction": {}}}, "a basis needs a linear organ"),
     "staggered": ({"solve": {"coupling": "staggered"}}, "need a linear organ"),
     "two-pass": ({"solve": {"friction": "two-pass"}}, "need a linear organ"),
     "stiffness damping": ({"tissue": {"rayleigh": [1.0, 1e-4]}}, "take β = 0"),

@@ -83,7 +83,6 @@ def test_a_region_relaxes_by_itself() -> None:
     [
         ({"tissue": {"relaxation": [[0.6, 1.0], [0.4, 2.0]]}}, ["tissue.relaxation", "below 1"]),
         ({"tissue": {"relaxation": [0.6, 1.0]}}, ["tissue.relaxation", "rows"]),
-        ({"tissue": {"reduction": {}}, "solve": {"kind": "dynamic"}}, ["tissue.reduction", "relax"]),
         ({"solve": {"kind": "dynamic", "organ": "krylov"}}, ["solve.organ", "tissue.relaxation"]),
         ({"thread": {"relaxation": [[0.6, 1.0], [0.4, 2.0]]}}, ["thread.relaxation", "below 1"]),
         ({"thread": {"relaxation": [[0.2, 1.0]], "energy": "springs"}}, ["thread.energy", "thread.relaxation"]),

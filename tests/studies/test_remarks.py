@@ -95,16 +95,6 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
         1,
         lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5 * bounds.SHARE, deformed=1.0)),
     ),
-    "reduction": (
-        bounds.REDUCED * 1e-3,
-        1,
-        lambda x: judging.missed_by_basis(["a"], met(way=np.array([1e-3]), difference=np.array([x]))),
-    ),
-    "reduction-bound": (
-        bounds.REDUCED * 1e-3,
-        1,
-        lambda x: judging.missed_by_basis(["a"], met(way=np.array([1e-3]), bound=np.array([x]))),
-    ),
     "tears": (2e6, 1, lambda x: judging.torn(["a"], met(bearing_pressure=np.array([x])), [2e6])),
     "lips-cross": (bounds.CROSSED, 1, lambda x: judging.beyond_bounds(met(crossed=x), None)),
     "pressure-turn": (bounds.SMALL_ROTATION, 1, lambda x: judging.beyond_bounds(met(pressed_turn=x), None)),

@@ -398,7 +398,7 @@ METHODS = {
     "bdf2": ("solve.integrator=bdf2",),
     "staggered": ("solve.coupling=staggered", "thread.control_points=60"),
     "quasi-static": ("tissue.inertia=false",),
-    "reduced": ("tissue.reduction={ blocks = 1 }",),
+    "krylov": ("solve.organ=krylov",),
     "lips": ("tissue.inertia=false", "tissue.contact=true", "tissue.youngs_modulus=1e6", WOUND, PRESSED),
     "relaxing": ("tissue.material=neo-hookean", "tissue.rayleigh=[5, 0]", "tissue.relaxation=[[0.3, 0.01]]"),
     "static": ("solve.kind=static", "piercing.exit.from=0.0", "piercing.entry.until=1.0", "solve.load_steps=8"),

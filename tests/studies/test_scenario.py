@@ -128,6 +128,7 @@ REFUSED = [
     ("thread.control_points=true", ["thread.control_points = true", "integer", "40"]),
     ("thread.control_points=3", ["thread.control_points = 3", "greater than or equal to 4"]),
     ("thread.graded=0.5", ["thread.graded = 0.5", "refused", "leave it out"]),
+    ("tissue.reduction.blocks=2", ["tissue.reduction = { blocks = 2 }", "refused", "Krylov space", "leave it out"]),
     ("thread.path=[[0,0,0]]", ["thread.path = [[0, 0, 0]]", "at least 2"]),
     ("thread.path=[[0,0,0],[0,0,0]]", ["thread.path.1 = [0.0, 0.0, 0.0]", "must differ", "remove"]),
     ("thread.path=[[0,0,nan],[0,0,0]]", ["thread.path.0.2 = nan", "finite"]),

@@ -32,7 +32,6 @@ ORGANS: dict[str, dict[str, Any]] = {
     "with inertia": {"rayleigh": [5.7, 5.8e-4]},
     "without inertia": {"inertia": False},
     "in its Krylov space": {},
-    "in a small basis": {"reduction": {"blocks": 2, "modes": 0}},
     "at finite strain": {"material": "neo-hookean", "mesh": {**TISSUE["mesh"], "h": 5e-3}},
 }
 

@@ -17,7 +17,6 @@ ORGAN = {
     "rayleigh": [5.0, 5e-4],
     "clamp": ["bottom"],
     "mesh": {"kind": "block", "size": [0.03, 0.02, 0.01], "h": 5e-3, "accuracy": "given"},
-    "reduction": {},
 }
 
 
@@ -32,7 +31,7 @@ def scenario_of(**keys: object) -> Scenario:
         "end": {"kind": "driven", "waypoints": [[0, 0, 0, 0.02], [STEPS * DT, 0.001, 0, 0.0205]]},
     }
     hole = {"name": "hole", "at": [0, 0, 0], "direction": "normal", "footprint": 2e-3}
-    solve = {"dt": DT, "duration": STEPS * DT}
+    solve = {"dt": DT, "duration": STEPS * DT, "organ": "krylov"}
     return parse({"tissue": ORGAN, "thread": thread, "piercing": [hole], "solve": solve} | keys)
 
 

@@ -8,17 +8,20 @@ import numpy as np
 import pytest
 
 import tissue
-from coupling.integrators import BDF2, BackwardEuler, Scheme
+from coupling.integrators import BDF2, BackwardEuler, Equilibrium, Scheme
 from meshes.block import block
 from meshes.wound import Wound
 from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
-from tests.tissue.pulled import PULL, SITES, SOFT, organ_of, schemes
 from tests.tissue.wounds import cut_block, gaps_on
 from tissue.arrays import Array
 from tissue.organs import krylov
 from tissue.organs.krylov import KrylovAnswer
 from tissue.solvers.factor import RESIDUAL as OF_SOLVERS
 
+SOFT = tissue.Material(4.0e4, 0.45, 1070.0)
+SITES = [tissue.Site((x, 0.0, 0.0), 2.0e-3, direction="normal") for x in (-0.005, 0.005)]
+PULL = np.zeros(18)
+PULL[[0, 2, 11]] = 0.02, 0.05, 0.03  # N
 SLOW = 2.0e-3  # s, a few steps a period of the slowest motion of the block
 BOTH = pytest.mark.parametrize("scheme", [BackwardEuler, BDF2])
 LOAD = tissue.SurfaceLoad("right", (50.0, 0.0, -300.0), course=((0.0, 0.0), (10 * SLOW, 1.0)))
@@ -26,6 +29,17 @@ KINDS = {
     "bare": {},
     "damped, loaded": {"rayleigh": (5.0, 1e-3), "gravity": (0.0, 0.0, -9.81), "loads": (LOAD,)},
 }
+
+
+def organ_of(h: float = 3.5e-3, **keys: object) -> tissue.DynamicOrgan:
+    """A soft block, held at its bottom and pulled at two holes of its top."""
+    body = tissue.elasticity(block((0.03, 0.02, 0.015), h), SOFT, "P1", ("bottom",))
+    return tissue.DynamicOrgan(body, tissue.build_sites(body, SITES), **keys)  # type: ignore[arg-type]
+
+
+def schemes(kind: type[Scheme], steps: int, dt: float) -> list[Scheme]:
+    """BDF2 begins by a step of backward Euler."""
+    return [BDF2(dt, dt) if kind is BDF2 and n else BackwardEuler(dt) for n in range(steps)]
 
 
 def smooth(t: float) -> Array:
@@ -94,6 +108,38 @@ def test_steps_are_those_of_the_whole_organ(scheme: type[Scheme], kind: str) -> 
         assert np.abs(U.U - organ.field(eta)).max() <= krylov.ACCURACY * field
         r, _ = left_of(full, organ.whole(eta))
         assert np.linalg.norm(r) <= OF_SOLVERS * stiffness * np.linalg.norm(U.U)
+
+
+def test_what_is_static_is_exact() -> None:
+    """Consistency check: the compliance of the sites, and what gravity and loads do, by the organ without inertia."""
+    load = tissue.SurfaceLoad("right", (0.0, 0.0, -300.0))
+    moving = organ_of(gravity=(0.0, 0.0, -9.81), loads=(load,))
+    full = tissue.QuasiStaticOrgan(moving.elasticity, moving.sites, moving.gravity, loads=moving.loads)
+    small = tissue.KrylovOrgan(moving)
+    one, other = (organ.answer(Equilibrium(), [organ.start()]) for organ in (full, small))
+    still = one.y_free - full.y0
+    assert np.abs(still).max() > 0.0
+    assert np.abs(one.y_free - other.y_free).max() <= TWO_SOLVERS * np.abs(still).max()
+    assert np.abs(one.C - other.C).max() <= TWO_SOLVERS * np.abs(one.C).max()
+    field = full.displacement(one.accept(PULL))
+    assert np.abs(field - small.displacement(other.accept(PULL))).max() <= TWO_SOLVERS * np.abs(field).max()
+
+
+@BOTH
+def test_the_audit_is_exact(scheme: type[Scheme]) -> None:
+    """Independent check: work of the site forces, gravity and loads = change of kinetic and elastic energy + viscous +
+    numerical, at every step, whatever a step leaves of the equations of motion."""
+    small = tissue.KrylovOrgan(organ_of(4.5e-3, **KINDS["damped, loaded"]))  # type: ignore[arg-type]
+    old, *rest = states(small, scheme, 30, smooth, certified=False)
+    scale, before = 0.0, small.energies(old, old)
+    for new in rest:
+        after = small.energies(old, new)
+        work = after.load_work + new.f_y @ (small.site_variables(new) - small.site_variables(old))
+        taken = after.kinetic + after.elastic - before.kinetic - before.elastic + after.viscous + after.numerical
+        scale = max(scale, after.elastic + after.kinetic)
+        assert abs(work - taken) <= RESIDUAL * scale
+        old, before = new, after
+    assert after.viscous > 0.0
 
 
 def test_without_its_check_a_space_is_off(monkeypatch: pytest.MonkeyPatch) -> None:

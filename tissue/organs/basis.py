@@ -1,11 +1,11 @@
-"""A small basis for the motion of an organ under forces at its sites and under its loads.
+"""The Krylov space for the motion of an organ under forces at its sites and under its loads.
 
-    V = [Φ,  K⁻¹F,  (K⁻¹M) K⁻¹F,  …,  (K⁻¹M)ᵏ K⁻¹F],   F = [Yᵀ, weight, loads]
+    V = [K⁻¹F,  (K⁻¹M) K⁻¹F,  …,  (K⁻¹M)ᵏ K⁻¹F],   F = [Yᵀ, weight, loads]
 
 The first block holds the static answers to all forces, so that slow motion is exact. Then follow k
 blocks of a Krylov space. Each of them matches two more moments of the transfer function from forces
-to sites (Su & Craig, AIAA J. 29, 1991). The lowest modes Φ are optional. Rayleigh damping is a
-function of M and K, so that the space with damping is the same. V is orthonormal in K.
+to sites (Su & Craig, AIAA J. 29, 1991). Rayleigh damping is a function of M and K, so that the
+space with damping is the same. V is orthonormal in K.
 
 The residual of U = V η in the equation of motion, r = F f − M V (η̈ + α η̇) − K V (η + β η̇), is
 orthogonal to V. F and K V lie in the space of K V, and M V does except for its last block. Hence
@@ -16,12 +16,10 @@ with one small matrix R: the dual norm of the residual needs no solve. K⁻¹ r 
 alone, so that R is the part of the mass that couples the two.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_matrix
-from scipy.sparse.linalg import LinearOperator, eigsh
 
 from tissue.arrays import Array
 from tissue.errors import TissueError
@@ -30,7 +28,6 @@ from tissue.organs.meshed import OrganState, TimeScheme
 from tissue.organs.modal import Modes
 
 DEPENDENT = 1e-8  # of a vector's length in K: a smaller new direction is round-off
-MODES = 1e-10  # relative residual of the modes: the basis need not contain them exactly
 MASSLESS = 1e-14  # of the largest 1/ω² of a basis: a smaller value is round-off, and the mode has no mass
 
 
@@ -71,19 +68,17 @@ class Level:
 class Space:
     """The Krylov space of an organ; each block is computed when it is first needed.
 
-    The first block has the static answers to all forces, and before them a number of vibration
-    `modes`. Memory is allocated for a number of further `blocks`; more is allocated when needed.
+    The first block has the static answers to all forces. Memory is allocated for a number of
+    further `blocks`; more is allocated when needed.
     """
 
-    def __init__(self, organ: DynamicOrgan, blocks: int, modes: int = 0) -> None:
+    def __init__(self, organ: DynamicOrgan, blocks: int) -> None:
         self._organ, self._factor = organ, organ.solver_of(organ.K)
         forces = np.column_stack([organ.Y.T.toarray(), organ.load, organ.surface_load])
         forces = forces[:, forces.any(axis=0)]
-        self._basis = Orthonormal(organ.K, modes + forces.shape[1] * (blocks + 2))
+        self._basis = Orthonormal(organ.K, forces.shape[1] * (blocks + 2))
         self._ends, self._M = list[int](), np.zeros((0, 0))
         self._levels: dict[int, Level] = {}
-        if modes:
-            self._add(vibration_modes(organ.K, organ.M, self._factor.solve, modes))
         self._next = forces
 
     @property
@@ -114,31 +109,19 @@ class Space:
 
     def _extend(self) -> None:
         """Add a block."""
-        self._add(self._factor.solve(self._next))
-        self._ends.append(self.vectors.shape[1])
-
-    def _add(self, X: Array) -> None:
-        """Add vectors `(N, k)` to the basis."""
-        self._next = np.asarray(self._organ.M @ self._basis.extend(X))
+        self._next = np.asarray(self._organ.M @ self._basis.extend(self._factor.solve(self._next)))
         before, mixed = self._M.shape[0], self.vectors.T @ self._next
         corner = 0.5 * (mixed[before:] + mixed[before:].T)
         self._M = np.block([[self._M, mixed[:before]], [mixed[:before].T, corner]])
+        self._ends.append(self.vectors.shape[1])
 
     def _make(self, blocks: int) -> Level:
         organ, r, behind = self._organ, self._ends[blocks], self._ends[blocks + 1]
         mu, turn = np.linalg.eigh(self._M[:r, :r])
         mu, V = np.where(mu > MASSLESS * mu[-1], mu, 0.0), self._basis.V[:, :r]
         Y, load, surface_load = (np.asarray(F) @ turn for F in (organ.Y @ V, organ.load @ V, organ.surface_load.T @ V))
-        modes = Modes(mu, Y, load, surface_load.T, organ.rayleigh, r)
+        modes = Modes(mu, Y, load, surface_load.T, organ.rayleigh)
         return Level(blocks, modes, turn, self._M[r:behind, :r] @ turn)
-
-
-def vibration_modes(K: csr_matrix, M: csr_matrix, solve: Callable[[Array], Array], count: int) -> Array:
-    """Return the `count` lowest vibration modes, shape `(N, count)`."""
-    N = K.shape[0]
-    inverse = LinearOperator((N, N), matvec=lambda b: solve(np.ravel(b)))
-    _, modes = eigsh(K, count, M, sigma=0.0, OPinv=inverse, tol=MODES, v0=np.ones(N))
-    return np.asarray(modes)
 
 
 class Orthonormal:

@@ -317,8 +317,8 @@ class DynamicOrgan(MeshedOrgan):
         """
         return SiteAnswer(
             self.Y @ state.V,
-            lambda: self.mobility[1],
-            lambda j, p: replace(state, V=state.V + self.mobility[0] @ j, MU=None, MV=None),
+            lambda: self._mobility[1],
+            lambda j, p: replace(state, V=state.V + self._mobility[0] @ j, MU=None, MV=None),
         )
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
@@ -328,7 +328,7 @@ class DynamicOrgan(MeshedOrgan):
         return self.displaced(self.operator_of(scheme), state, y, f_y, self.Y)
 
     @cached_property
-    def mobility(self) -> tuple[Array, Array]:
+    def _mobility(self) -> tuple[Array, Array]:
         """M⁻¹ Yᵀ `(N, 9p)` and Y M⁻¹ Yᵀ."""
         return compliance(mass_solver(self.M, self.places, self.choice.name), self.Y)
 

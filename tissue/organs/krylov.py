@@ -33,12 +33,26 @@ from functools import cached_property
 import numpy as np
 
 from tissue.arrays import Array
+from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
+from tissue.loads import Loads
 from tissue.organs.basis import Level, Space
 from tissue.organs.dynamic import DynamicOrgan
-from tissue.organs.meshed import LinearAnswer, OrganEnergies, OrganState, SiteAnswer, TimeScheme
-from tissue.organs.modal import ModalArrays, OrganOfModes
-from tissue.organs.reduced import check_held, check_memory
+from tissue.organs.meshed import (
+    NO_LIPS,
+    SHARE,
+    LinearAnswer,
+    Lips,
+    OrganEnergies,
+    OrganState,
+    SiteAnswer,
+    TimeScheme,
+)
+from tissue.organs.modal import ModalArrays
+from tissue.sites.site import Sites
+from tissue.solvers.choice import GIGA, SolverChoice
+from tissue.solvers.memory import free_memory
+from tissue.supports import holds_still
 
 log = logging.getLogger(__name__)
 
@@ -52,6 +66,8 @@ MOST = 16  # blocks: a motion that needs more is not smooth; with two holes, 16 
 SHORT = 1e-8  # of a compliance: largest deficit accepted after a failed step; Newton does not notice a smaller one
 AT_ONCE = 4  # further blocks that one step can add: a smooth start needs one or two, and more later
 ROUNDED = 1e-13  # of the body's size: a smaller error of a site is round-off of the constraints
+ALSO_MADE = 2  # blocks beyond the further ones: the static answers, and the block for the residual
+TIMES_HELD = 4  # vectors, K times the vectors, and products and copies of a block during its construction
 
 
 @dataclass(frozen=True)
@@ -75,19 +91,38 @@ class KrylovAnswer(SiteAnswer[OrganState]):
 
 
 @dataclass(frozen=True, eq=False)
-class KrylovOrgan(OrganOfModes):
+class KrylovOrgan:
     """A linear organ with inertia, solved in its Krylov space.
 
-    If the space is not accurate enough, `full` solves instead. U, V, A of its states are η, η̇, η̈
-    [√J, …], as many as the vectors, or the fields of the whole organ.
+    `full` has the mesh, the sites and the loads. If the space is not accurate enough, `full` solves
+    instead. U, V, A of its states are η, η̇, η̈ [√J, …], as many as the vectors, or the fields of
+    the whole organ.
 
     Raises `TissueError` for an organ with contact, for an organ that is not held, and if the memory
     is too small.
     """
 
+    full: DynamicOrgan
+
     def __post_init__(self) -> None:
-        check_held(self.full)
-        check_memory(self.full, MOST, 0, 'set solve.organ = "whole"')
+        organ, otherwise = self.full, 'or set solve.organ = "whole"'
+        if organ.pairs:
+            raise TissueError(
+                f"the organ has {organ.pairs} pairs of nodes that can touch, and its Krylov space has no contact; "
+                f"leave out contact, {otherwise}"
+            )
+        if not has_space(organ):
+            raise TissueError(
+                f"the organ is not held, and its Krylov space begins with static answers; clamp a boundary, {otherwise}"
+            )
+        vectors = (MOST + ALSO_MADE) * (organ.Y.shape[0] + 1 + organ.surface_load.shape[1])
+        need, room = 8.0 * TIMES_HELD * vectors * organ.size, SHARE * free_memory()
+        if need > room:
+            raise TissueError(
+                f"the Krylov space of the organ, {vectors} vectors of {organ.size} unknowns, takes about "
+                f"{need / GIGA:.2g} GB and {room / GIGA:.2g} GB are available; take fewer holes or a coarser mesh, "
+                f"{otherwise}"
+            )
 
     @cached_property
     def space(self) -> Space:
@@ -220,9 +255,8 @@ class KrylovOrgan(OrganOfModes):
     def modes(self, scheme: TimeScheme, state: OrganState, times: Sequence[float]) -> ModalArrays | None:
         """Return the arrays with which a kernel makes steps, or None.
 
-        The arrays are masses and loads (n,), W (n, 9p), Y, y0 and R. Then follow Rayleigh's α and
-        β, and two bounds of the residual: a fraction of the largest forces, and round-off [√J]. The
-        result is None if the loads change at the `times` [s], and for a state of the whole organ.
+        The result is None if the loads change at the `times` [s], and for a state of the whole
+        organ.
         """
         level = self.level(state)
         if level is None or not self.surface.are_steady(state.shares, times):
@@ -241,6 +275,11 @@ class KrylovOrgan(OrganOfModes):
         at = state if level is None else self._at(level, state)
         return at.U, at.V, at.A, at.f_y, at.tally
 
+    def moved(self, state: OrganState, motion: tuple[Array, Array, Array, Array, float]) -> OrganState:
+        """Return the state of a `motion` under the loads of another state."""
+        U, V, A, f_y, tally = motion
+        return OrganState(U, V, A, f_y, shares=state.shares, tally=tally)
+
     def impulse(self, state: OrganState) -> SiteAnswer[OrganState]:
         """Return the answer of the whole organ to an impulse on the sites."""
         return self.full.impulse(self.whole(state))
@@ -248,6 +287,59 @@ class KrylovOrgan(OrganOfModes):
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
         """Return the answer of the whole organ in a step in which the sites stay at `y`."""
         return self.full.displace(scheme, self.whole(state), y, f_y)
+
+    # -- the field, and what the whole organ has -----------------------------------------------------------------------
+
+    def field(self, state: OrganState) -> Array:
+        """Return the displacement over the free unknowns, shape `(N,)` [m]."""
+        return self.spread(state, state.U)
+
+    def displacement(self, state: OrganState) -> Array:
+        """Return the displacement of all unknowns of the mesh, shape `(N_all,)` [m]."""
+        return self.full.whole(self.field(state))
+
+    @property
+    def y0(self) -> Array:
+        """Reference site variables, shape `(9p,)` [m, -, -]."""
+        return self.full.y0
+
+    @property
+    def directed(self) -> tuple[bool, ...]:
+        """Whether each site was given a direction."""
+        return self.full.directed
+
+    @property
+    def size(self) -> int:
+        """Number of free unknowns of the full organ."""
+        return self.full.size
+
+    @property
+    def elasticity(self) -> Elasticity:
+        """The organ's discrete elasticity."""
+        return self.full.elasticity
+
+    @property
+    def sites(self) -> Sites:
+        """The organ's sites."""
+        return self.full.sites
+
+    @property
+    def surface(self) -> Loads:
+        """The loads on its boundaries."""
+        return self.full.surface
+
+    @property
+    def choice(self) -> SolverChoice:
+        """The solver used to build its space."""
+        return self.full.choice
+
+    def load_resultants(self, state: OrganState) -> Array:
+        """Return the sum of the forces of each whole load, `(l, 3)` [N]."""
+        return self.full.load_resultants(state)
+
+    def lips(self, state: OrganState) -> Lips:
+        """Return no pairs: this organ has no contact."""
+        return NO_LIPS
 
     # -- the error of the space ------------------------------------------------------------------------------------
 
@@ -270,8 +362,5 @@ def has_space(organ: DynamicOrgan) -> bool:
     Memory is not checked. The same scenario is therefore solved in the same way on every machine,
     and can be resumed from a checkpoint of another machine.
     """
-    try:
-        check_held(organ)
-    except TissueError:
-        return False
-    return True
+    body = organ.elasticity
+    return not organ.pairs and holds_still(body.points, body.held)

@@ -84,8 +84,8 @@ class OrganState:
     - `points` `(j, 9 + l)`: the facing data of outside points (`tissue.organs.skin.Skin.faced`),
       whose forces follow those of the pairs in `p`; None if no point may bear on the organ.
     - `ahead` `(j, 9 + l)`: the facing data for the next step.
-    - `tally` [√J]: for the error estimate of an organ in modes, the sum Σ‖Δr‖ of the check so far
-      (`tissue.organs.reduced`), or the largest norm of the forces so far (`tissue.organs.krylov`).
+    - `tally` [√J]: for the error estimate of an organ in modes, the largest norm of the forces so
+      far (`tissue.organs.krylov`).
     """
 
     U: Array

@@ -46,8 +46,8 @@ class Motion(NamedTuple):
     """A state of thread and holds, as `coupling.system.State`.
 
     `f_y` (m, 9) are the forces on the sites. `U`, `V`, `A` (n,) are the motion of the organ's
-    modes. `drift` (1,) is the residual of their check so far, or the largest forces so far. If
-    knots travel, `drive` (m,) [N] is −∂Π/∂s. All arrays are consecutive parts of `numbers`.
+    modes. `drift` (1,) are the largest forces so far. If knots travel, `drive` (m,) [N] is −∂Π/∂s.
+    All arrays are consecutive parts of `numbers`.
     """
 
     q: Array

@@ -45,15 +45,13 @@ class Organ(NamedTuple):
 
     - `elastic` [J], `sag` (m, 9): without inertia, the elastic energy under the loads alone, and
       the displacement of the sites by the loads.
-    - `mu`, `load` (n,): masses and loads of modes of stiffness one, of which the first r move the
-      sites.
-    - `W` (n, 9p), `Y` (9p, r), `y0` (9p,): displacement of the modes by site forces; rows and
+    - `mu`, `load` (n,): masses and loads of modes of stiffness one.
+    - `W` (n, 9p), `Y` (9p, n), `y0` (9p,): displacement of the modes by site forces; rows and
       reference of the sites.
-    - `missed` (k, n − r): residual of the check per acceleration of the other modes. If all modes
-      move the sites, it is for all modes.
+    - `missed` (k, n): residual of the equations of motion per acceleration of the modes.
     - `alpha` [1/s], `beta` [s]: Rayleigh's factors.
-    - `accuracy`, `rounded` [√J]: if all modes move the sites, the residual of the equations of
-      motion in a step is at most `accuracy` times the largest forces so far, plus `rounded`.
+    - `accuracy`, `rounded` [√J]: the residual in a step is at most `accuracy` times the largest
+      forces so far, plus `rounded`.
     """
 
     still: bool
@@ -95,7 +93,7 @@ def go_free(pace: Pace, organ: Organ, given: Given, now: Motion, earlier: Motion
         going.free[i] = U + (organ.load[i] + mu * moved + organ.beta * pace.d * rest - U) / diagonal
     for j in range(len(organ.y0)):
         y = organ.y0[j]
-        for i in range(organ.Y.shape[1]):
+        for i in range(len(organ.mu)):
             y += organ.Y[j, i] * going.free[i]
         given.y_free[j // 9, j % 9] = y
 
@@ -104,26 +102,13 @@ def go_free(pace: Pace, organ: Organ, given: Given, now: Motion, earlier: Motion
 def bear(pace: Pace, organ: Organ, now: Motion, new: Motion, going: Going) -> bool:
     """Write the modes at the end of a step under its site forces. Returns whether they are valid
     for the whole organ.
-
-    `drift` becomes the residual of their check so far, or the largest forces so far.
     """
-    n, answering = len(organ.mu), organ.Y.shape[1]
-    for i in range(n):
+    for i in range(len(organ.mu)):
         U = going.free[i]
         for j in range(len(organ.y0)):
             U += organ.W[i, j] * new.f_y[j // 9, j % 9]
         new.U[i], new.V[i], new.A[i] = U, pace.d * (U - going.damping[i]), pace.a * (U - going.inertia[i])
-    if n == answering:
-        return holds_for_whole(organ, now, new)
-    open_ = 0.0
-    for k in range(len(organ.missed)):
-        left = 0.0
-        for c in range(n - answering):
-            i = answering + c
-            left += organ.missed[k, c] * (new.A[i] - now.A[i] + organ.alpha * (new.V[i] - now.V[i]))
-        open_ += left**2
-    new.drift[0] = now.drift[0] + np.sqrt(open_)
-    return True
+    return holds_for_whole(organ, now, new)
 
 
 @loop
@@ -131,7 +116,7 @@ def holds_for_whole(organ: Organ, now: Motion, new: Motion) -> bool:
     """Write the largest forces so far. Returns whether the modes satisfy the equations of motion of
     the whole organ.
 
-    All modes move the sites. The residual must be below the tolerance (`tissue.organs.krylov`).
+    The residual must be below the tolerance (`tissue.organs.krylov`).
     """
     inertia, elastic, open_ = 0.0, 0.0, 0.0
     for i in range(len(organ.mu)):
@@ -176,11 +161,11 @@ def audit_still(organ: Organ, C: Array, now: Motion, new: Motion, out: Array) ->
 
 @loop
 def audit_modes(organ: Organ, two_step: bool, now: Motion, new: Motion, out: Array) -> None:
-    """Add the energy turnover of the modes that move the sites.
+    """Add the energy turnover of the modes.
 
     After BDF2 the work of damping is by the mean of both ends.
     """
-    for i in range(organ.Y.shape[1]):
+    for i in range(len(organ.mu)):
         mu, U, V, dU, dV = organ.mu[i], new.U[i], new.V[i], new.U[i] - now.U[i], new.V[i] - now.V[i]
         drag = organ.alpha * mu + organ.beta
         taken = drag * V * dU
