@@ -28,7 +28,6 @@ from tissue.sites.site import Site, build_sites, cells_at
 from tissue.sites.surface import depths, distances, landing
 from tissue.solvers.factor import factorize
 from tissue.solvers.iterative import conjugate_gradients
-from tissue.solvers.ranks import Ranks
 from tissue.strain import energy_measure, nodal_volume_ratio, strains, volume_ratio
 from tissue.stress import StressRecovery, interpolation, principal, stress_recovery, von_mises
 from tissue.supports import held_components, motions_in_words, rigid_motions
@@ -51,7 +50,6 @@ __all__ = [
     "Part",
     "Prony",
     "QuasiStaticOrgan",
-    "Ranks",
     "RelaxingOrgan",
     "Rim",
     "Site",

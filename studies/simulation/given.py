@@ -5,7 +5,7 @@ not fit the scenario are refused before the preparation.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -54,21 +54,20 @@ class Given:
     stiffness: Stiffness | None = None
     friction: Mapping[str, FrictionLaw] = field(default_factory=dict)
     energy: Energy | None = None
-    ranks: tissue.Ranks | None = None
 
     @property
     def unrecorded(self) -> tuple[str, ...]:
         """Names of the arguments of `prepare` with parts that no scenario file can contain.
 
-        Mesh, basis and ranks are not considered.
+        Mesh and basis are not considered.
         """
         parts = {"stiffness": self.stiffness, "friction": self.friction or None, "energy": self.energy}
         return tuple(name for name, part in parts.items() if part is not None)
 
     @property
     def parts(self) -> dict[str, Any]:
-        """The parts by their names in `prepare`, without `ranks`."""
-        return {name: getattr(self, name) for name in ("mesh", "basis", "stiffness", "friction", "energy")}
+        """The parts by their names in `prepare`."""
+        return {part.name: getattr(self, part.name) for part in fields(self)}
 
     @cached_property
     def volume(self) -> skfem.MeshTet | None:
@@ -87,7 +86,7 @@ class Given:
 
         Raises `ScenarioError` for parts that do not fit the scenario.
         """
-        of_scenario = (self._faults_of_organ, self._faults_of_friction, self._faults_of_ranks)
+        of_scenario = (self._faults_of_organ, self._faults_of_friction)
         faults = [*self._faults_of_kind()] or [fault for find in of_scenario for fault in find(scenario)]
         if faults:
             raise ScenarioError(faults)
@@ -98,7 +97,6 @@ class Given:
         wanted = {
             "basis": (lambda x: isinstance(x, skfem.Basis), "a skfem.Basis"),
             "energy": (lambda x: callable(x) or hasattr(x, "tangent"), "a function of F, or a Density"),
-            "ranks": (lambda x: hasattr(x, "Get_size"), "a communicator of mpi4py"),
             "friction": (is_law_by_name, "a dict of laws by piercing, {'exit': law}, each a FrictionLaw"),
         }
         for name, (fits, words) in wanted.items():
@@ -142,19 +140,6 @@ class Given:
             yield refusal("solve.scheme", "linear", because("law-linear"))
         if not scenario.thread.bending:
             yield refusal("thread.bending", False, because("law-bending"))
-
-    def _faults_of_ranks(self, scenario: Scenario) -> Iterator[str]:
-        table = scenario.tissue
-        if self.ranks is None:
-            return
-        if table is None:
-            yield "ranks is refused: they share columns of an organ, and there is none; add [tissue]"
-        elif table.inertia and scenario.solve.kind == "dynamic":
-            yield refusal("tissue.inertia", True, because("ranks-inertia"))
-        elif table.material != "linear":
-            yield refusal("tissue.material", table.material, because("ranks-finite"))
-        elif scenario.floats:
-            yield "ranks is refused: an unheld body is solved in every step; clamp it, or leave out ranks"
 
     def stiffened(self, body: tissue.Elasticity) -> tissue.Elasticity:
         """Return the body with the given stiffness.

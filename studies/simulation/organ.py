@@ -70,10 +70,7 @@ def organ_of(
     if not inertia:
         held = scenario.tissue.clamp, scenario.tissue.roller
         floating = scenario.floats and any(motions.size for motions in motions_left(body.mesh, *held)[1])
-        organ = tissue.FloatingOrgan(*known) if floating else tissue.QuasiStaticOrgan(*known, ranks=given.ranks)
-        if given.ranks is not None:
-            organ.operator(0.0, 0.0)  # all ranks solve its columns now, because later they can do other work
-        return organ
+        return tissue.FloatingOrgan(*known) if floating else tissue.QuasiStaticOrgan(*known)
     full = tissue.DynamicOrgan(*known, rayleigh=scenario.tissue.rayleigh)
     return tissue.KrylovOrgan(full) if takes_krylov(scenario, full) else full
 

@@ -413,7 +413,6 @@ def prepare(
     stiffness: Stiffness | None = None,
     friction: Mapping[str, FrictionLaw] | None = None,
     energy: Energy | None = None,
-    ranks: tissue.Ranks | None = None,
     on_step: OnStep | None = None,
 ) -> Simulation:
     """Prepare everything that is needed before the first step.
@@ -434,14 +433,12 @@ def prepare(
       function of F, shape `(3, 3)`, as in `tissue.materials.own`, or a
       `tissue.materials.density.Density`. It replaces the shear part of E and ν. Their bulk part,
       κ/2 (J − 1)², is added.
-    - `ranks`: the processes, an `mpi4py.MPI.Comm`, that all prepare this scenario at once and share
-      the columns of a linear organ without inertia.
 
     `on_step` is called with the record of the start and of every step, after the caller has used
     the record; an exception from it ends the run. Raises the errors of refused input.
     """
     check_given(scenario)
-    given = Given(mesh, basis, stiffness, {} if friction is None else friction, energy, ranks)
+    given = Given(mesh, basis, stiffness, {} if friction is None else friction, energy)
     check_doors(store, on_step)
     with threadpool_limits(limits=1, user_api="blas"), with_hints(scenario):  # the same bits on any number of cores
         assembly = assemble(scenario, store, given)

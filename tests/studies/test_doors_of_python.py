@@ -136,7 +136,7 @@ DOORS: dict[str, tuple[Callable[[], object], str]] = {
     ),
     **{
         f"{key} 5": (lambda key=key: suturefem.prepare(parse(BARE), **{key: 5}), f"{key} = 5 is refused; give a")
-        for key in ("basis", "energy", "ranks", "store", "on_step")
+        for key in ("basis", "energy", "store", "on_step")
     },
     **{
         f"settings {wrong!r}": (lambda wrong=wrong: load("two_piercings", wrong), said)

@@ -25,7 +25,6 @@ from tissue.organs.meshed import (
 )
 from tissue.recent import Recent
 from tissue.solvers.choice import MULTIGRID
-from tissue.solvers.ranks import Ranks, SharedColumns
 
 CROSSED = 1e-9  # of the surfaces' extent: round-off of closed gaps
 ALL = np.ones(1)  # the part of gravity, which has no ramp
@@ -61,12 +60,8 @@ class QuasiStaticOrgan(MeshedOrgan):
     """An organ without inertia: U = K⁻¹ (load + Yᵀ f_y).
 
     Its state has only forces; its field is computed when needed.
-
-    `ranks` distribute the columns of its sites and loads among processes, in one call of
-    `operator`. None means that this process solves all columns.
     """
 
-    ranks: Ranks | None = None
     _fields: Recent[Array] = field(default_factory=Recent, init=False, repr=False)
     solved_once: ClassVar = True
 
@@ -80,11 +75,10 @@ class QuasiStaticOrgan(MeshedOrgan):
         need it.
         """
         factor, count = self.solver_of(self.K), self.Y.shape[0]
-        together = factor if self.ranks is None else SharedColumns(factor, self.ranks)
         loads = csr_matrix(np.column_stack([self.load, self.surface_load]).T)
         # The error of a column enters the gaps to first order. With contact, `rough` is therefore
         # not accurate enough.
-        U, work = compliance(together, csr_matrix(vstack([self.Y, loads])), rough=not self.touches)
+        U, work = compliance(factor, csr_matrix(vstack([self.Y, loads])), rough=not self.touches)
         W, U_loads = U[:, :count], U[:, count:]
         # Without lips no column is solved again. The levels of multigrid are then discarded,
         # because they take more memory than the rest of the organ.
