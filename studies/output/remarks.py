@@ -19,7 +19,6 @@ Severity = Literal["unsupported", "note"]
 LIST = list_of(__file__, "remarks.toml")
 say = sentences(LIST.pop("effects"))
 BOUNDS = LIST.pop("bounds") | {"SEEN": SEEN, "SWITCHES": SWITCHES}  # by their names in the list
-BOUNDS |= {f"EARLY_{name}": BOUNDS["EARLY"] * BOUNDS[f"SMALL_{name}"] for name in ("STRAIN", "ROTATION")}
 bounds = SimpleNamespace(**BOUNDS)
 # A remark by its code: the condition `bound` and its `reason`, both for the manual, and the `message` with names in
 # braces for its values.

@@ -24,10 +24,9 @@ from studies.output import records
 from studies.output.remarks import Remark, bounds, judged, remark, say
 from studies.scenario import Contact, FreeEnd, Piercing, PulledEnd, Scenario, Tie, WoundMesh, dotted_key
 from studies.simulation.assembly import Assembly, section_of
-from studies.simulation.demand import demanding, moduli_at, radii_at
 from studies.simulation.given import Given, shear_moduli
 from studies.simulation.meshing import wound_of
-from studies.simulation.tracts import Ball, gaps_of, of_piercings, radius_of
+from studies.simulation.tracts import Ball, gaps_of, radius_of
 from studies.verdicts import BETWEEN, RESOLVED, SETTLED, unrest
 from thread.catalogue import knot_pull
 from thread.path import rounded_path
@@ -43,7 +42,7 @@ PLAUSIBLE = list_of(__file__, "plausible.toml")
 def foreseen(assembly: Assembly, q: Array) -> Iterator[Remark]:
     """Yield the remarks before the first step, for a thread with control points `q` (n, c) [m]."""
     scenario, system, body = assembly.scenario, assembly.system, assembly.body
-    thread, holes = system.thread, scenario.piercing
+    thread = system.thread
     yield from unlike_units(values_of(assembly))
     yield from off_path(assembly)
     if thread.bending and not thread.coil:
@@ -53,24 +52,15 @@ def foreseen(assembly: Assembly, q: Array) -> Iterator[Remark]:
     yield from rest_unloaded(scenario)
     free = scenario.solve.kind == "static" and slides_freely(system, system.rows[:, 0])
     yield from judged(free, "slides-freely", "piercing")
-    at, s = (np.array(of_piercings(assembly.holes, each.tolist())) for each in (assembly.at, assembly.s))
-    tangents, E = assembly.path.tangent(np.clip(at, 0.0, assembly.path.length)), moduli_at(body, holes)
-    sizes = [size_at(body.mesh, np.array(hole.place)) if body else 0.0 for hole in holes]
-    radii = radii_at(holes, sizes, body.element if body else "P1")
-    given = section_of(scenario.thread), tangents, s, thread.spline.end
-    yield from demanding(scenario, *given, E, radii, strength_of(scenario))
     if body is not None:
-        yield from foreseen_in_organ(assembly, body, sizes)
+        yield from foreseen_in_organ(assembly, body)
 
 
-def foreseen_in_organ(assembly: Assembly, body: tissue.Elasticity, sizes: Sequence[float]) -> Iterator[Remark]:
-    """Yield the remarks on the organ before the first step.
-
-    Its cells at the holes have `sizes` (p,) [m].
-    """
+def foreseen_in_organ(assembly: Assembly, body: tissue.Elasticity) -> Iterator[Remark]:
+    """Yield the remarks on the organ before the first step."""
     scenario, fit = assembly.scenario, assembly.fit
-    for hole, size in zip(scenario.piercing, sizes, strict=True):
-        yield from coarse_cells(hole, size, body.element, fit is not None)
+    for hole in scenario.piercing:
+        yield from coarse_cells(hole, size_at(body.mesh, np.array(hole.place)), body.element, fit is not None)
     accuracy = scenario.tissue.mesh.accuracy if scenario.tissue else "given"
     if fit is not None and accuracy != "given":
         named = zip(assembly.holes, fit.errors.tolist(), strict=True)

@@ -35,7 +35,7 @@ from studies.output.remarks import CATALOGUE, Remark, bounds, remark
 from studies.output.tally import Tally
 from studies.scenario import Contact, Scenario, WoundMesh, load, parse
 from studies.scenario.toml import tables
-from studies.simulation import demand, prepare
+from studies.simulation import prepare
 from studies.simulation import remarks as judging
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
@@ -163,13 +163,6 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
             ],
         ),
     ),
-    "demand": (
-        bounds.EARLY * bounds.SMALL_STRAIN,
-        1,
-        lambda x: demand.overdrawn([hole()], np.array([1e-3 * x]), np.array([1e-3]), np.ones(1)),
-    ),
-    "pull-strength": (10.0, 1, lambda x: demand.overpulled(x, 10.0, np.inf)),
-    "stiff-thread": (bounds.EARLY * bounds.SMALL_ROTATION, 1, lambda x: demand.overturned([hole()], np.array([x]))),
     "no-hole": (bounds.IN_TISSUE * 3e-4, 1, lambda x: judging.unpierced("on a strand", "a", x, 3e-4)),
     "units": (3e2, -1, lambda x: judging.unlike_units({"tissue.youngs_modulus": np.array([1e5, x])})),
 }
