@@ -5,9 +5,8 @@ solver the table has the time until the first solve, its memory, the time of one
 of the columns of both holes. Before the first solve come ordering and factor, or the levels of
 multigrid. `floor` is the smallest possible time of a solve. The factor is read twice, forwards and
 backwards, at the memory speed of one core in the same run. `rough` are the columns of a
-quasi-static organ by multigrid, and `left` is the remaining error of its compliance. Below the
-table are the times to assemble each organ's matrices by the compiled loops and by scikit-fem's
-forms. All times are processor times on one thread, so other work on the machine has no effect.
+quasi-static organ by multigrid, and `left` is the remaining error of its compliance. All times are
+processor times on one thread, so other work on the machine has no effect.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,7 +22,6 @@ import tissue
 from meshes.block import block
 from studies.arrays import Array
 from studies.bench.rows import Numbers, keep, printed, time_call
-from tissue.elasticity import by_loops, by_scikit_fem
 from tissue.organs.meshed import compliance
 from tissue.solvers.choice import MULTIGRID, Solver, choose_solver, has_pyamg, solver
 from tissue.solvers.direct import LIBRARIES, is_installed
@@ -34,11 +32,8 @@ HOLES = ((-0.005, 0.0, 0.0), (0.005, 0.0, 0.0))
 FOOTPRINT = 1.5e-3
 
 SOLVES = 5
-ASSEMBLED = 300_000  # unknowns of the organ for the assembly in `suture bench`
-REPEATED = 3  # number of assemblies by compiled loops
 LARGEST = {"superlu": 150_000, "cholmod": 500_000, "pardiso": 500_000}  # unknowns; a larger factor takes many minutes
 WORDS = 30_000_000  # read to measure the speed of memory
-TIMES = "loops {loops:.3f} s, forms {forms:.2f} s, {ratio:.0f} times as fast"  # of an assembly
 
 
 def main(sizes: Sequence[int], element: str = "P1", json_path: Path | None = None) -> int:
@@ -46,40 +41,14 @@ def main(sizes: Sequence[int], element: str = "P1", json_path: Path | None = Non
 
     The numbers are written as JSON if a file is given.
     """
-    assemblies = []
     methods = [method for method in LIBRARIES if is_installed(method)]  # loaded before their threads are limited
     methods += [MULTIGRID] if has_pyamg() else []
     with threadpool_limits(limits=1, user_api="blas"):
         speed = bandwidth()
-
-    def measured() -> Iterator[Numbers]:
-        for size in sizes:
-            organ = organ_of(size, element)
-            yield from measure_solvers(organ, element, methods, speed)
-            assemblies.append(measure_assembly(organ.elasticity))
-
-    rows = printed("organ", measured())
-    print_assemblies(assemblies)
+    measured = (row for size in sizes for row in measure_solvers(organ_of(size, element), element, methods, speed))
+    rows = printed("organ", measured)
     print(f"\nmemory is read at {speed / 1e9:.1f} GB/s")
-    return keep(json_path, {"rows": rows, "assembly": assemblies, "bandwidth": speed})
-
-
-def main_assembly(json_path: Path | None = None, size: int = ASSEMBLED) -> int:
-    """Measure the assembly of a large organ and print it; return the exit status.
-
-    The numbers are added to the JSON file if it is given.
-    """
-    with threadpool_limits(limits=1, user_api="blas"):
-        assembly = measure_assembly(organ_of(size, "P1").elasticity)
-    print_assemblies([assembly])
-    return keep(json_path, {"assembly": [assembly]})
-
-
-def print_assemblies(assemblies: Sequence[Numbers]) -> None:
-    """Print a line for each organ."""
-    print("\nassembly of K and M:")
-    for each in assemblies:
-        print(f"{each['unknowns']} unknowns: {TIMES.format(**each)}")
+    return keep(json_path, {"rows": rows, "bandwidth": speed})
 
 
 def bandwidth() -> float:
@@ -89,20 +58,6 @@ def bandwidth() -> float:
     """
     words = np.ones(WORDS)
     return words.nbytes / min(time_call(words.sum) for _ in range(SOLVES))
-
-
-def measure_assembly(body: tissue.Elasticity) -> Numbers:
-    """Return the assembly times of a body by compiled loops and by scikit-fem's forms [s].
-
-    `ratio` is the time of the forms over the time of the loops. The best of several calls of the
-    loops counts, so the compilation in the first call does not count.
-    """
-    material = body.material
-    given = body.basis, material.lame_lambda, material.lame_mu, material.density
-    loops = [time_call(lambda: by_loops(*given)) for _ in range(REPEATED)]
-    fastest, forms = min(loops), time_call(lambda: by_scikit_fem(*given))
-    found = {"unknowns": body.N, "element": body.element, "loops": fastest, "forms": forms}
-    return found | {"ratio": forms / fastest}
 
 
 def measure_solvers(

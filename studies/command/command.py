@@ -255,8 +255,7 @@ def print_catalogue(options: argparse.Namespace) -> int:
 def run_bench(options: argparse.Namespace) -> int:
     """``suture bench``: measure times of the code; return the exit status.
 
-    It measures steps of shipped scenes, many tensions on one organ, finite strain, and an organ's
-    assembly or solvers.
+    It measures steps of shipped scenes, many tensions on one organ and finite strain, or an organ's solvers.
     """
     if options.what == "organ":
         return int(import_module("studies.bench.organ").main(options.sizes, options.element, options.json))
@@ -264,8 +263,6 @@ def run_bench(options: argparse.Namespace) -> int:
     for name, value in given.items():
         if options.what in (name, "all"):
             import_module(f"studies.bench.{name}").main(options.json, value)
-    if options.what == "all":
-        import_module("studies.bench.organ").main_assembly(options.json)
     return 0
 
 
