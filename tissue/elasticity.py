@@ -116,6 +116,11 @@ class Elasticity:
         return np.ascontiguousarray(self.basis.doflocs[:, self.nodes[:, 0]].T)
 
     @cached_property
+    def places(self) -> Array:
+        """Places of the free unknowns in the reference shape, shape `(N, 3)` [m]."""
+        return np.asarray(self.basis.doflocs[:, self.free].T)
+
+    @cached_property
     def cells(self) -> Indices:
         """Nodes of each cell, shape `(c, 4)`, or `(c, 10)` for P2 in VTK's order of the quadratic
         tetrahedron.

@@ -336,7 +336,7 @@ class MeshedOrgan:
             raise TissueError(
                 f"sites over {self.sites.Y.shape[1]} unknowns on an organ of {free.size}; build them on it"
             )
-        places = body.basis.doflocs[:, free].T
+        places = body.places
         K = csr_matrix(body.K[free][:, free])
         K.eliminate_zeros()  # removes a fifth of the entries of a block
         object.__setattr__(self, "K", K)

@@ -78,7 +78,7 @@ def estimate(body: Elasticity, sites: Sequence[Site], placed: Sites) -> Estimate
     goals = np.array([k for k, site in enumerate(sites) if site.radius > 0.0], np.intp)
     compliance, missed = np.empty((2, goals.size, AXES))
     indicators, recovery = np.zeros(body.mesh.nelements), Recovery(body)
-    factor = solver_of_columns(held(body), body.basis.doflocs[:, body.free].T)
+    factor = solver_of_columns(held(body), body.places)
     at_clamp = np.where(np.any(np.all(body.held, axis=1)[body.cells], axis=1), SINGULAR, 1.0)
     seen = seen_cells(body, [sites[goal].radius for goal in goals], placed.points[goals])
     for first in range(0, goals.size, TOGETHER):
@@ -123,9 +123,10 @@ def held(body: Elasticity) -> csr_matrix:
 
     If a part of the body can move freely, soft springs are added everywhere.
     """
-    K = body.K[body.free][:, body.free]
+    K = csr_matrix(body.K[body.free][:, body.free])
+    K.eliminate_zeros()
     if is_held(body):
-        return csr_matrix(K)
+        return K
     span = float(np.linalg.norm(np.ptp(body.points, axis=0)))
     firm = SOFT * np.max(body.material.youngs_modulus / body.material.density) / span**2
     return csr_matrix(K + firm * body.M[body.free][:, body.free])

@@ -17,6 +17,7 @@ their compliance has no limit (measured with 640 points and P2: orders fell from
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -229,6 +230,7 @@ def _sphere() -> FootprintRule:
     )
 
 
+@cache
 def _gauss(count: int) -> tuple[Array, Array]:
     """Return Gauss–Legendre points and weights on [0, 1]."""
     x, w = np.polynomial.legendre.leggauss(count)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 from skfem import MeshTet
 
 from tissue.arrays import Array, Indices
@@ -52,6 +53,11 @@ class Surface:
         edges = self.corners[:, 1:] - self.corners[:, :1]
         return np.asarray(np.linalg.inv(np.swapaxes(edges, 1, 2)), dtype=np.float64)
 
+    @cached_property
+    def finder(self) -> "Finder":
+        """The search among the triangles."""
+        return Finder(self.triangles)
+
     def nearest(self, point: Array) -> tuple[float, Array, Indices]:
         """Return the distance to the surface [m], the nearest point (3,) and all facets there.
 
@@ -60,11 +66,10 @@ class Surface:
         """
         if not len(self.triangles):
             return np.inf, np.full(3, np.nan), np.zeros(0, np.intp)
-        near = closest_on_triangles(point, self.triangles)
+        near = closest_on_triangles(point, self.triangles[self.finder.nearest(point)])
         distances = np.linalg.norm(near - point, axis=1)
         best = near[np.argmin(distances)]
-        touching = np.linalg.norm(closest_on_triangles(best, self.triangles) - best, axis=1)
-        return float(distances.min()), best, np.flatnonzero(touching <= INSIDE * self.diagonal)
+        return float(distances.min()), best, self.finder.within(best, INSIDE * self.diagonal)
 
     def met_by(self, point: Array, along: Array) -> Array | None:
         """Return the point (3,) [m] at which a line meets the surface, or None if there is none.
@@ -84,8 +89,8 @@ class Surface:
         They face `normal` and come within `radius` of `centre`. A disc near an open cut therefore
         averages over its own lip, and not over the other lip in the same plane.
         """
-        reach = np.linalg.norm(closest_on_triangles(centre, self.triangles) - centre, axis=1) <= radius
-        facets = np.flatnonzero(reach & (self.normals @ normal > 0.0))
+        near = self.finder.within(centre, radius)
+        facets = near[self.normals[near] @ normal > 0.0]
         lookup = self.vertices[facets]
         incidence = csr_matrix((np.ones(lookup.size), (np.repeat(np.arange(facets.size), 3), lookup.ravel())))
         shared = csr_matrix(incidence @ incidence.T)
@@ -213,24 +218,48 @@ def distances(mesh: MeshTet, boundary: str) -> Callable[[Array], Array]:
 def distances_from(triangles: Array) -> Callable[[Array], Array]:
     """Return a function that returns the distance of points from triangles `(t, 3, 3)`.
 
-    For points `(k, 3)`, the distance has shape `(k,)` [m]. Only triangles near a point are
-    measured. The middle of the nearest triangle is at most as far as the nearest middle plus the
-    largest radius of a triangle, with a margin for round-off.
+    For points `(k, 3)`, the distance has shape `(k,)` [m].
     """
-    from scipy.spatial import cKDTree
-
-    middles = triangles.mean(axis=1)
-    tree = cKDTree(middles)
-    largest = (1.0 + INSIDE) * float(np.linalg.norm(triangles - middles[:, None], axis=2).max())
+    finder = Finder(triangles)
 
     def away(points: Array) -> Array:
-        near = tree.query_ball_point(points, tree.query(points)[0] + largest)
-        each = zip(points, near, strict=True)
-        return np.array(
-            [np.linalg.norm(closest_on_triangles(p, triangles[those]) - p, axis=1).min() for p, those in each]
-        )
+        near = (closest_on_triangles(p, triangles[finder.nearest(p)]) for p in points)
+        return np.array([np.linalg.norm(each - p, axis=1).min() for p, each in zip(points, near, strict=True)])
 
     return away
+
+
+@dataclass(frozen=True, eq=False)
+class Finder:
+    """A search among `triangles` `(t, 3, 3)` [m] that measures only those near a point.
+
+    A triangle is at most as far as its middle, and at least as far as its middle minus the largest
+    radius of a triangle, with a margin for round-off.
+    """
+
+    triangles: Array
+
+    @cached_property
+    def _middles(self) -> tuple[cKDTree, float]:
+        """The middles, and the largest radius [m]."""
+        middles = self.triangles.mean(axis=1)
+        radius = np.linalg.norm(self.triangles - middles[:, None], axis=2).max()
+        return cKDTree(middles), (1.0 + INSIDE) * float(radius)
+
+    def nearest(self, point: Array) -> Indices:
+        """Return triangles with the nearest one among them, in ascending order, shape `(k,)`."""
+        tree, _ = self._middles
+        return self._around(point, float(tree.query(point)[0]))
+
+    def within(self, point: Array, distance: float) -> Indices:
+        """Return the triangles at most `distance` [m] from a point, in ascending order, shape `(k,)`."""
+        near = self._around(point, distance)
+        away = np.linalg.norm(closest_on_triangles(point, self.triangles[near]) - point, axis=1)
+        return near[away <= distance]
+
+    def _around(self, point: Array, distance: float) -> Indices:
+        tree, largest = self._middles
+        return np.array(tree.query_ball_point(point, distance + largest, return_sorted=True), dtype=np.intp)
 
 
 def landing(mesh: MeshTet) -> Callable[[ArrayLike, ArrayLike | None], Array | None]:

@@ -26,7 +26,7 @@ from tissue.solvers.factor import factorize
 from tissue.solvers.iterative import conjugate_gradients
 from tissue.solvers.memory import free_memory
 from tissue.solvers.multigrid import is_by_nodes
-from tissue.solvers.ordering import dissection, node_graph
+from tissue.solvers.ordering import dissected
 
 log = logging.getLogger(__name__)
 
@@ -159,5 +159,5 @@ def factor_bytes(A: csr_matrix, places: Array, method: str) -> float:
     """
     if A.shape[0] <= SMALL:
         return 0.0
-    graph, points, _ = node_graph(A, places)
-    return float(BYTES[method] * (A.shape[0] / len(points)) ** 2 * dissection(graph, points).entries)
+    plan, _ = dissected(A, places)
+    return float(BYTES[method] * (A.shape[0] / plan.order.size) ** 2 * plan.entries)

@@ -25,7 +25,7 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from tissue.arrays import Array, Indices
 from tissue.errors import FactorError
-from tissue.solvers.ordering import dissection, node_graph
+from tissue.solvers.ordering import dissected
 
 BackSubstitution = Callable[[Array], Array]
 
@@ -119,16 +119,16 @@ def ordering(A: csr_matrix, places: Array) -> Indices:
     Unknowns at the same place are one node. With three unknowns per node, a trial costs 1/27 of the
     factorisation.
     """
-    graph, points, node = node_graph(A, places)
-    by_degree, order = _trial(graph, "MMD_AT_PLUS_A"), dissection(graph, points).order
-    by_places = _trial(csr_matrix(graph[order][:, order]), "NATURAL")
+    plan, node = dissected(A, places)
+    by_degree, order = _trial(plan.graph, "MMD_AT_PLUS_A"), plan.order
+    by_places = _trial(csr_matrix(plan.graph[order][:, order]), "NATURAL")
     return _spread(order if by_places.nnz <= by_degree.nnz else np.argsort(by_degree.perm_c), node)
 
 
 def dissect(A: csr_matrix, places: Array) -> Indices:
     """Return the order of the unknowns by nested dissection of their places."""
-    graph, points, node = node_graph(A, places)
-    return _spread(dissection(graph, points).order, node)
+    plan, node = dissected(A, places)
+    return _spread(plan.order, node)
 
 
 def _spread(order: Indices, node: Indices) -> Indices:
