@@ -15,7 +15,6 @@ import threading
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 from time import monotonic
@@ -30,7 +29,7 @@ from studies.command.parser import read
 from studies.command.progress import LOOP_LOGGERS, STEP_LOGGERS, Progress, duration, stages
 from studies.command.summary import doubt_lines, place_lines, print_summary, remark_lines, say
 from studies.extras import missing
-from studies.output.budget import frame_bytes, peak_memory, row_bytes, seconds_of, size_text
+from studies.output.budget import frame_bytes, peak_memory, row_bytes, size_text
 from studies.output.files import as_json
 from studies.output.folder import Recorder, check_folder
 from studies.output.lock import locked
@@ -46,7 +45,7 @@ from studies.scenario.toml import scenario_file, written
 from studies.simulation.recorded import begin
 from studies.simulation.remedies import try_remedies
 from studies.simulation.sharing import Shared
-from studies.simulation.simulation import REFUSALS, Moments, Simulation, prepare, timed
+from studies.simulation.simulation import REFUSALS, Moments, Simulation, prepare
 from studies.status import FAILED, INTERRUPTED, REFUSED, SIGNALLED, UNSUPPORTED
 from studies.study import NAMES, StudyError, arguments, carry_out, study
 from studies.study import check_folder as check_study_folder
@@ -139,15 +138,15 @@ def check(options: argparse.Namespace) -> int:
         print(written(options.file, options.set), end="")
         return 0
     with stages(options.json):
-        simulation, prepared = timed(partial(prepare, load(options.file, options.set)), compiles=True)
-    remarks, counts = simulation.remarks(), counts_of(simulation, prepared)
+        simulation = prepare(load(options.file, options.set))
+    remarks, counts = simulation.remarks(), counts_of(simulation)
     picture = "" if options.picture is None else _draw_start(simulation, options.picture)
     if options.json:
         found = counts | {"remarks": [remark.record() for remark in remarks], "picture": picture or None}
         print(as_json(found), end="")
         return strict_status(options.strict, remarks)
-    memory = f", {size_text(counts['memory'])} of memory" if counts["memory"] else ""
-    takes = f"about {size_text(counts['bytes'])} of results{memory} and {duration(counts['seconds'])} of one processor"
+    memory = f" and {size_text(counts['memory'])} of memory" if counts["memory"] else ""
+    takes = f"about {size_text(counts['bytes'])} of results{memory}"
     size = f"{counts['steps']} steps, {takes}"
     size_line = f"{options.file} can be run: {parts_of(simulation.scenario, counts)}, {size}"
     places = place_lines(simulation.scenario.piercing)
@@ -166,11 +165,8 @@ def parts_of(scenario: Scenario, counts: Mapping[str, Any]) -> str:
     return ", ".join(filter(None, parts))
 
 
-def counts_of(simulation: Simulation, prepared: float) -> dict[str, Any]:
-    """Return the size of a run: counts of its parts, bytes of results and memory, and seconds.
-
-    The seconds include the time for which the run was `prepared`.
-    """
+def counts_of(simulation: Simulation) -> dict[str, Any]:
+    """Return the size of a run: counts of its parts, and bytes of results and memory."""
     scenario, topology = simulation.scenario, simulation.topology
     return {
         "piercings": len(scenario.piercing),
@@ -184,8 +180,6 @@ def counts_of(simulation: Simulation, prepared: float) -> dict[str, Any]:
         "moved": {hole.name: hole.moved for hole in scenario.piercing if hole.moved is not None},
         "bytes": round(frame_bytes(scenario, topology) + row_bytes(scenario)),
         "memory": peak_memory(),
-        "seconds": prepared
-        + seconds_of(scenario, topology, simulation.tissue_dofs, simulation.balls, simulation.methods),
     }
 
 
