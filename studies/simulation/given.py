@@ -1,7 +1,7 @@
 """Parts from Python that replace parts of a scenario.
 
-These are the mesh, a basis with its stiffness, laws of friction, and a strain energy. Parts that do
-not fit the scenario are refused before the preparation.
+These are the mesh, a stiffness, laws of friction, and a strain energy. Parts that do not fit the
+scenario are refused before the preparation.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -20,15 +20,13 @@ from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError, Tissue
 from studies.scenario.refusal import because, dotted_key, nearest, refusal, shortened
 from studies.scenario.scenario import with_given_mesh
-from tissue.elasticity import ELEMENTS
 from tissue.materials.density import Density
 from tissue.materials.own import Own
 
-Stiffness = csr_matrix | Callable[[skfem.Basis], csr_matrix]
+Stiffness = Callable[[skfem.Basis], csr_matrix]
 Energy = Density | Callable[[Any], Any]
 
 SHOWN = 60  # letters of a given value in a refusal
-TOGETHER = 1e-9  # of the organ's size: difference of unknowns' places by two ways to map a cell
 SYMMETRIC = 1e-10  # of the largest entry: round-off of a sum over the cells of a node
 STRESSLESS = 1e-6  # of μ: equal eigenvalues are separated by √ε = 1.5e-8 to be differentiated at F = I
 INDIFFERENT = 1e-9  # of W: round-off of a turned F
@@ -50,17 +48,13 @@ class Given:
     """
 
     mesh: object = None
-    basis: skfem.Basis | None = None
     stiffness: Stiffness | None = None
     friction: Mapping[str, FrictionLaw] = field(default_factory=dict)
     energy: Energy | None = None
 
     @property
     def unrecorded(self) -> tuple[str, ...]:
-        """Names of the arguments of `prepare` with parts that no scenario file can contain.
-
-        Mesh and basis are not considered.
-        """
+        """Names of the arguments of `prepare` with parts that no scenario file can contain."""
         parts = {"stiffness": self.stiffness, "friction": self.friction or None, "energy": self.energy}
         return tuple(name for name, part in parts.items() if part is not None)
 
@@ -73,13 +67,9 @@ class Given:
     def volume(self) -> skfem.MeshTet | None:
         """The organ's mesh from Python, or None for the scenario's own mesh.
 
-        Raises `MeshError`, `ScenarioError`.
+        Raises `MeshError`.
         """
-        if self.basis is None:
-            return None if self.mesh is None else given_mesh(self.mesh)
-        if self.mesh is not None:
-            raise ScenarioError("mesh is refused: basis also has a mesh; leave out one of them")
-        return given_mesh(self.basis.mesh)
+        return None if self.mesh is None else given_mesh(self.mesh)
 
     def applied_to(self, scenario: Scenario) -> Scenario:
         """Return the scenario with the mesh from Python.
@@ -94,8 +84,8 @@ class Given:
 
     def _faults_of_kind(self) -> Iterator[str]:
         """Yield the arguments of a wrong kind."""
-        wanted = {
-            "basis": (lambda x: isinstance(x, skfem.Basis), "a skfem.Basis"),
+        wanted: dict[str, tuple[Callable[[Any], bool], str]] = {
+            "stiffness": (callable, "a function of a skfem.Basis, such as the assemble of a BilinearForm"),
             "energy": (lambda x: callable(x) or hasattr(x, "tangent"), "a function of F, or a Density"),
             "friction": (is_law_by_name, "a dict of laws by piercing, {'exit': law}, each a FrictionLaw"),
         }
@@ -107,19 +97,17 @@ class Given:
     def _faults_of_organ(self, scenario: Scenario) -> Iterator[str]:
         table = scenario.tissue
         if table is None:
-            for name in ("basis", "stiffness", "energy"):
+            for name in ("stiffness", "energy"):
                 if getattr(self, name) is not None:
                     yield f"{name} is refused: the scenario has no organ; add [tissue]"
             return
-        if self.basis is not None:
-            yield from faults_of_basis(self.basis, table.element)
         if self.stiffness is not None and table.material != "linear":
             yield refusal("tissue.material", table.material, because("stiffness-finite"))
         if self.energy is not None:
             yield from faults_of_energy(table)
         accuracy = table.mesh.accuracy
-        if accuracy != "given" and (self.stiffness is not None or self.basis is not None):
-            yield refusal("tissue.mesh.accuracy", accuracy, because("basis-mesh"))
+        if accuracy != "given" and self.stiffness is not None:
+            yield refusal("tissue.mesh.accuracy", accuracy, because("stiffness-mesh"))
         if table.mesh.bound and (self.stiffness is not None or self.energy is not None):
             yield refusal("tissue.mesh.bound", True, because("bounds-law"))
 
@@ -148,10 +136,7 @@ class Given:
         """
         if self.stiffness is None:
             return body
-        own = skfem.Basis(body.mesh, body.basis.elem) if self.basis is None else self.basis
-        if not is_numbered_like(own, body.basis):
-            raise ScenarioError(f"basis is refused: {because('basis-numbering')}")
-        K: Any = self.stiffness(own) if callable(self.stiffness) else self.stiffness
+        K = self.stiffness(skfem.Basis(body.mesh, body.basis.elem))
         return replace(body, K=checked_stiffness(K, body), pressure=None)
 
     def distortion(self, mu: float) -> Density | None:
@@ -174,21 +159,6 @@ def is_law_by_name(value: object) -> bool:
     laws = value.items() if isinstance(value, Mapping) else [(None, None)]
     needs = ("static", "kinetic", "slope")
     return all(isinstance(name, str) and all(callable(getattr(law, n, None)) for n in needs) for name, law in laws)
-
-
-def is_numbered_like(one: skfem.Basis, other: skfem.Basis) -> bool:
-    """Return whether the unknowns of two bases are at the same places."""
-    x, y = one.doflocs, other.doflocs
-    return x.shape == y.shape and bool(np.allclose(x, y, rtol=0.0, atol=TOGETHER * np.ptp(y)))
-
-
-def faults_of_basis(basis: skfem.Basis, element: str) -> Iterator[str]:
-    """Yield the reason why a basis is refused: its element or mesh does not fit the scenario."""
-    own = skfem.ElementVector(ELEMENTS[element]())
-    if not isinstance(basis.mesh, skfem.MeshTet) or type(basis.elem) is not type(own):
-        yield f"basis is refused: it is {basis.elem!r} on a {type(basis.mesh).__name__}; give {own!r} on a MeshTet"
-    elif type(basis.elem.elem) is not type(own.elem):
-        yield refusal("tissue.element", element, because("basis-element", element=type(basis.elem.elem).__name__))
 
 
 def faults_of_energy(table: Tissue) -> Iterator[str]:

@@ -8,7 +8,6 @@ from time import perf_counter
 from typing import Any, TypeVar
 
 import numpy as np
-import skfem
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
@@ -409,7 +408,6 @@ def prepare(
     store: Shared | None = None,
     mesh: object = None,
     *,
-    basis: skfem.Basis | None = None,
     stiffness: Stiffness | None = None,
     friction: Mapping[str, FrictionLaw] | None = None,
     energy: Energy | None = None,
@@ -422,11 +420,9 @@ def prepare(
 
     - `mesh` [m]: the organ's mesh, a `skfem.MeshTet`, a meshio mesh or a pyvista grid of
       tetrahedra; a scenario without another mesh has `kind = "given"`.
-    - `basis`: the basis of your own forms; its mesh becomes the organ's mesh. It is
-      `skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTetP1()))` or has `ElementTetP2`.
-    - `stiffness`: the stiffness of a linear organ in the unknowns of the basis, a symmetric sparse
-      matrix `(N, N)` [N/m], or a function of the basis that returns it. Mass, supports and loads of
-      the scenario are kept.
+    - `stiffness`: the stiffness of a linear organ, a function of a `skfem.Basis` that returns a
+      symmetric sparse matrix `(N, N)` [N/m], such as `assemble` of your own `skfem.BilinearForm`.
+      Mass, supports and loads of the scenario are kept.
     - `friction`: a `coupling.interfaces.FrictionLaw` by the name of its piercing, added to the
       friction of the scenario.
     - `energy`: the strain-energy density of distortion of an organ at finite strain [J/m³], a
@@ -438,7 +434,7 @@ def prepare(
     the record; an exception from it ends the run. Raises the errors of refused input.
     """
     check_given(scenario)
-    given = Given(mesh, basis, stiffness, {} if friction is None else friction, energy)
+    given = Given(mesh, stiffness, {} if friction is None else friction, energy)
     check_doors(store, on_step)
     with threadpool_limits(limits=1, user_api="blas"), with_hints(scenario):  # the same bits on any number of cores
         assembly = assemble(scenario, store, given)

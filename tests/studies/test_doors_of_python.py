@@ -131,12 +131,12 @@ DOORS: dict[str, tuple[Callable[[], object], str]] = {
         r"tissue\.clamp = .* lie inside the organ",
     ),
     "complex stiffness": (
-        lambda: suturefem.prepare(parse(BARE), stiffness=1j * eye_array(UNKNOWNS, format="csr")),  # type: ignore[arg-type]
+        lambda: suturefem.prepare(parse(BARE), stiffness=lambda basis: 1j * eye_array(UNKNOWNS, format="csr")),
         "its numbers are complex128; give real numbers",
     ),
     **{
         f"{key} 5": (lambda key=key: suturefem.prepare(parse(BARE), **{key: 5}), f"{key} = 5 is refused; give a")
-        for key in ("basis", "energy", "store", "on_step")
+        for key in ("stiffness", "energy", "store", "on_step")
     },
     **{
         f"settings {wrong!r}": (lambda wrong=wrong: load("two_piercings", wrong), said)
