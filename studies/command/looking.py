@@ -16,10 +16,10 @@ def report_results(options: argparse.Namespace) -> int:
 
 
 def view_results(options: argparse.Namespace) -> int:
-    """``suture view``: show a run in a window or as pictures, or write a macro for ParaView."""
-    from studies.pictures.looking import view, write_macro
+    """``suture view``: show a run in a window or as pictures."""
+    from studies.pictures.looking import view
 
-    print_lines(write_macro(options.macro) if options.macro else view(options.folder, options.out, options.time))
+    print_lines(view(options.folder, options.out, options.time))
     return 0
 
 

@@ -12,7 +12,6 @@ from meshes.child import run_module
 from studies.output import reading
 from studies.output.columns import STATE_CODES
 from studies.output.fields import ThreadRecord
-from studies.output.files import write_bytes
 from studies.pictures.picture import draw_scene, words_of
 from studies.pictures.scene import FILM, Frame, Hole, Organ
 
@@ -36,14 +35,6 @@ def view(folder: Path, out: Path | None, time: float | None) -> list[str]:
     if not reason:
         return []
     return [f"window     none: {reason}", *(drawn_into(run, folder / f"view{kind}", time) for kind in KINDS)]
-
-
-def write_macro(path: Path) -> list[str]:
-    """Write the macro that draws a run in ParaView; return the lines for a person."""
-    if path.suffix != ".py":
-        raise reading.ResultsError(f"--macro {path} is refused: a macro is a Python file; name it {path.stem}.py")
-    write_bytes(path, Path(__file__).with_name("paraview_macro.py").read_bytes())
-    return [f"macro      {path}: in ParaView, Macros > Import new macro; or pvpython {path} DIR"]
 
 
 def has_screen(environment: Mapping[str, str], system: str) -> bool:

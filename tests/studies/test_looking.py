@@ -259,14 +259,6 @@ def test_pairs_and_loads_are_curves_of_their_own(run: Path, tmp_path: Path) -> N
     assert found["loads: top (2): share"] == [10, 11, 12]
 
 
-def test_the_macro_is_a_program(run: Path, tmp_path: Path) -> None:
-    """Independent check: what is written compiles, and a file of another kind is refused."""
-    target = tmp_path / "macro.py"
-    assert main(["view", str(run), "--macro", str(target)]) == 0
-    compile(target.read_text(encoding="utf-8"), str(target), "exec")
-    assert main(["view", str(run), "--macro", str(tmp_path / "macro.txt")]) == 2
-
-
 class Terminal(io.StringIO):
     def isatty(self) -> bool:
         return True
