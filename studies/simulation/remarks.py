@@ -27,6 +27,7 @@ from studies.simulation.assembly import Assembly, section_of
 from studies.simulation.given import Given, shear_moduli
 from studies.simulation.meshing import wound_of
 from studies.simulation.tracts import Ball, gaps_of, radius_of
+from studies.simulation.wound import BEYOND
 from studies.verdicts import BETWEEN, RESOLVED, SETTLED, unrest
 from thread.catalogue import knot_pull
 from thread.path import rounded_path
@@ -431,16 +432,18 @@ def unheld(scenario: Scenario) -> list[Remark]:
 
 
 def not_across(scenario: Scenario) -> Iterator[Remark]:
-    """Yield remarks on ties whose holes are all on one side of the plane of a wound."""
+    """Yield remarks on ties whose holes are all on one side of the plane of a wound, or beyond its end."""
     shape = scenario.tissue.mesh if scenario.tissue else None
     if not isinstance(shape, WoundMesh):
         return
     axis, names = wound_of(shape).normal_axis, [hole.name for hole in scenario.piercing]
+    limits = ((axis, 0.0, "on one side"), (1 - axis, 0.5 * (1.0 + BEYOND) * shape.length, "beyond the end"))
     for tie in scenario.tie:
         first, last = sorted(map(names.index, tie.between))
-        sides = [hole.place[axis] for hole in scenario.piercing[first : last + 1]]
-        away = max(min(sides), -max(sides))
-        yield from judged(away > 0.0, "not-across", tie.name, away=away / MILLI)
+        places = np.array([hole.place for hole in scenario.piercing[first : last + 1]]).T
+        ways = [(max(places[k].min(), -places[k].max()) - limit, words) for k, limit, words in limits]
+        away, words = max(ways)
+        yield from judged(away > 0.0, "not-across", tie.name, words=words, away=away / MILLI)
 
 
 def off_path(assembly: Assembly) -> list[Remark]:

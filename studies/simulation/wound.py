@@ -5,6 +5,8 @@ The normal d there points from left to right, and f is the force of the thread o
 closing force of a hole is f·d on the left and −f·d on the right. All holes and balls in a tied loop
 are one stitch. A loop that changes sides more often than a pulley stitch is a running suture and
 not one stitch. The balls of any other tract are one stitch, and any other hole is a stitch alone.
+A stitch that lies wholly beyond one end of the wound is not counted, because it crosses intact
+tissue. An end is a place of the outer surface where both sides meet.
 """
 
 from collections.abc import Sequence
@@ -23,6 +25,7 @@ from studies.arrays import Array
 from studies.output.records import GapRecord, Record, StitchRecord
 
 CROSSINGS = 3  # of a pulley stitch, whose thread changes sides most often of all single stitches
+BEYOND = 1e-9  # of the way from the middle of a wound to its end: a hole beyond the end by less is at it
 BALANCED = 1e-9  # of the holes' forces: a smaller sum is round-off
 SIDES = (False, True)  # values of `right`: the left side first
 
@@ -47,17 +50,32 @@ class Bite:
 class Wound:
     """Two contact surfaces, and the bites next to them.
 
-    The surfaces are number `part` of `gaps`. The `bites` are in the order of the thread.
+    The surfaces are number `part` of `gaps`. All bites that are `near` are in the order of the thread.
     """
 
     gaps: tissue.Gaps
     part: int
-    bites: tuple[Bite, ...]
+    near: tuple[Bite, ...]
 
     @property
     def pair(self) -> str:
         """Names of the two surfaces."""
         return self.gaps.parts[self.part].name
+
+    @cached_property
+    def bites(self) -> tuple[Bite, ...]:
+        """Bites of the stitches that do not lie wholly beyond one end of the wound."""
+        own, points, (left, right) = self.gaps.parts[self.part], self.gaps.body.points, self.rims
+        ends = np.intersect1d(left.edges, right.edges)
+        if not ends.size or not self.near:
+            return self.near
+        middle = points[np.union1d(left.edges, right.edges)].mean(axis=0)
+        lips, ways = points[np.union1d(own.left, own.facets)], points[ends] - middle
+        places, names = (
+            np.array(each) for each in zip(*((bite.place, bite.stitch) for bite in self.near), strict=True)
+        )
+        beyond = (places - middle) @ ways.T > (1.0 + BEYOND) * np.max((lips - middle) @ ways.T, axis=0)
+        return tuple(bite for bite in self.near if not beyond[names == bite.stitch].all(axis=0).any())
 
     @property
     def closure_force(self) -> float:
@@ -80,7 +98,7 @@ class Wound:
     @cached_property
     def rims(self) -> tuple[tissue.Rim, ...]:
         """Rims of the left and the right side on the outer surface, near the openings of both."""
-        openings = np.array([bite.place for bite in self.bites if not bite.ball]).reshape(-1, 3)
+        openings = np.array([bite.place for bite in self.near if not bite.ball]).reshape(-1, 3)
         return tuple(rim.near(openings) for rim in self.gaps.rims[self.part])
 
     def eversion(self, points: Array) -> float | None:

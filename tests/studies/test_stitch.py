@@ -14,6 +14,8 @@ from studies.scenario.toml import changed, read
 from studies.simulation import prepare
 from studies.simulation.assembly import assemble
 from studies.simulation.remarks import not_across
+from studies.simulation.wound import wounds_of
+from tests.meshes.samples import NEEDS_GMSH
 from thread.path import rounded_path
 from tissue import TissueError
 
@@ -226,6 +228,44 @@ def test_a_stitch_on_one_side_of_the_wound_has_a_remark(along: str, axis: int, w
     table = wound({"at": [way if axis == k else 0.0 for k in range(3)]})
     table["tissue"]["mesh"]["along"] = along
     assert [(each.code, each.where) for each in not_across(parse(table))] == [("not-across", "first")] * named
+
+
+@pytest.mark.parametrize(("along", "axis"), [("y", 1), ("x", 0)])
+@pytest.mark.parametrize(("way", "named"), [(0.008, False), (-0.0079, False), (0.0081, True), (-0.0081, True)])
+def test_a_stitch_beyond_the_end_of_the_wound_has_a_remark(along: str, axis: int, way: float, named: bool) -> None:
+    """Independent check: the stitch is moved along the wound, whose ends are 8 mm from the middle."""
+    table = wound({"at": [way if axis == k else 0.0 for k in range(3)]})
+    table["tissue"]["mesh"]["along"] = along
+    remarks = list(not_across(parse(table)))
+    assert [(each.code, each.where) for each in remarks] == [("not-across", "first")] * named
+    assert all("beyond the end of the wound, 0.1 mm" in each.message for each in remarks)
+
+
+@pytest.mark.parametrize(
+    "shape", [{"generator": "structured"}, pytest.param({"shape": "ellipse", "width": 3e-3}, marks=NEEDS_GMSH)]
+)
+@pytest.mark.parametrize(
+    ("stitch", "closes"),
+    [
+        ({"at": [0, -0.0079, 0]}, True),
+        ({"at": [0, -0.0081, 0]}, False),
+        ({"at": [0, 0.009, 0], "kind": "figure-of-eight", "pitch": 4e-3}, True),
+        ({"kind": "purse-string", "pitch": 0.014, "count": 6, "bite": 2e-3}, True),
+    ],
+)
+def test_a_stitch_beyond_the_end_of_the_wound_does_not_close_it(
+    shape: dict[str, Any], stitch: dict[str, Any], closes: bool
+) -> None:
+    """Independent check: a stitch beyond the end crosses intact tissue; one next to the end crosses the wound, and so
+    do a purse-string around it and an eight whose holes are on both sides of the end."""
+    table = wound({"tract": False} | stitch)
+    table["tissue"]["mesh"] |= shape
+    simulation = prepare(parse(table))
+    now, lips = simulation.beginning(), simulation.open_lips
+    assert lips is not None
+    ((found,),) = wounds_of(now.system, [lips], now.piercings)
+    assert [bite.stitch for bite in found.near] == ["first"] * len(now.piercings)
+    assert found.bites == (found.near if closes else ())
 
 
 def test_a_tie_of_another_name_is_no_part_of_a_stitch() -> None:
