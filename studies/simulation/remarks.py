@@ -34,6 +34,7 @@ from thread.path import rounded_path
 from thread.thread import Thread
 from thread.vectors import curvature
 
+ROUND_OFF = 1e-10  # of a distance between holes
 SHARP = 1e-3  # of the diameter: radius of the corners of a path that counts as its lines
 LOOKS = 9  # places between two holes at which the depth of the thread is computed
 # For each key the least and largest value of organs and sutures, its unit, and other units.
@@ -408,7 +409,7 @@ def near_holes(holes: Sequence[Piercing]) -> Iterator[Remark]:
     near = []
     for one, other in combinations(holes, 2):
         distance, reach = dist(one.place, other.place), bounds.NEAR * (one.footprint + other.footprint)
-        if 0.0 < distance < reach:
+        if 0.0 < distance < reach * (1.0 - ROUND_OFF):
             near.append((distance / reach, one.name, other.name, distance / MILLI, reach / MILLI))
     if near:
         (_, first, second, apart, reach), others = min(near), len(near) - 1

@@ -591,6 +591,8 @@ def test_what_is_judged_by_two_numbers() -> None:
     assert [each.code for each in judging.coarse_cells(hole(footprint=0.0), 1e-9, "P1")] == ["bare-point"]
     assert list(judging.beyond_bounds(met(tension=1e9), None)) == []
     assert list(judging.near_holes([hole(), hole(name="b")])) == []  # one place at two times
+    apart = 4e-3 * (1.0 - 1e-12)  # twice both footprints but for round-off
+    assert list(judging.near_holes([hole(), hole(name="b", at=[apart, 0, 0])])) == []
     (near,) = judging.near_holes([hole(), hole(name="b", at=[3e-3, 0, 0]), hole(name="c", at=[4.5e-3, 0, 0])])
     assert (
         near.where == "b"
