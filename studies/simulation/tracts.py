@@ -20,7 +20,7 @@ LOOKS = 8  # per radius: number of places along a path at which its depth is com
 MOST_LOOKS = 2000
 BITE_LOOKS = 32  # places on half a strand, with linear depth in between
 GRAZING = 1e-6  # of the half strand: depth from round-off of a strand on the surface
-ROUND_OFF = 1e-9  # of a number of balls
+ROUND_OFF = 1e-9  # of a number of balls, and of a radius
 TOUCHED = 1.01  # radii from a ball to a surface that it touches: one radius, and the error of HALVINGS
 HALVINGS = 20  # of the interval between two places, to find the depth of one radius
 
@@ -79,7 +79,7 @@ def deep_parts(path: LaidPath, first: float, last: float, radius: float, depths:
     number = int(np.clip(np.ceil(LOOKS * (last - first) / radius), LOOKS, MOST_LOOKS))
     at = np.linspace(first, last, number + 1)
     below = depths(path.position(at)) - radius
-    deep = np.concatenate([[False], below >= 0.0, [False]])
+    deep = np.concatenate([[False], below >= -ROUND_OFF * radius, [False]])
     begins, stops = np.flatnonzero(deep[1:-1] & ~deep[:-2]), np.flatnonzero(deep[1:-1] & ~deep[2:])
 
     def border(inside: int, outside: int) -> float:

@@ -14,6 +14,7 @@ from studies.scenario.toml import changed, read
 from studies.simulation import prepare
 from studies.simulation.assembly import assemble
 from studies.simulation.remarks import not_across
+from studies.simulation.tracts import Ball
 from studies.simulation.wound import wounds_of
 from tests.meshes.samples import NEEDS_GMSH
 from thread.path import rounded_path
@@ -266,6 +267,16 @@ def test_a_stitch_beyond_the_end_of_the_wound_does_not_close_it(
     ((found,),) = wounds_of(now.system, [lips], now.piercings)
     assert [bite.stitch for bite in found.near] == ["first"] * len(now.piercings)
     assert found.bites == (found.near if closes else ())
+
+
+@pytest.mark.parametrize("short", [0.0, 1e-13, 2e-12])
+def test_a_tract_that_grazes_the_end_of_the_wound_is_laid(short: float) -> None:
+    """Independent check: at a radius from the end, short of it by round-off, the tract is in one part; nearer, in
+    two."""
+    table = wound({"at": [0, 0.013 - short, 0]})
+    table["tissue"]["mesh"] |= {"size": [0.05, 0.05, 0.016], "length": 0.024, "h": 5e-3, "generator": "structured"}
+    holes = prepare(parse(table)).assembly.holes
+    assert {hole.part for hole in holes if isinstance(hole, Ball)} == ({0, 1} if short > 1e-12 else {0})
 
 
 def test_a_tie_of_another_name_is_no_part_of_a_stitch() -> None:

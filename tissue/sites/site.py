@@ -402,7 +402,7 @@ def _ball_footprint(
     rule, slope = footprint.ball(site.weight), footprint.ball_slope(site.weight)
     points = X + site.radius * (1.0 - INSIDE) * np.vstack([rule.points, slope.points])
     cells = surface.containing(points)
-    if site.radius > distance or np.any(cells < 0):
+    if site.radius * (1.0 - INSIDE) > distance or np.any(cells < 0):
         raise TissueError(
             f"{site.name}: the footprint of radius {site.radius:g} m at {_show(X)} reaches out of the "
             f"organ, whose surface is {distance:.3g} m away; take a smaller footprint or move the site to the "
