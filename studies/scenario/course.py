@@ -109,10 +109,12 @@ class Timed(ScenarioTable):
             own = list(self.course)
         else:
             own = self.course.rows(max(min(end, self.until or inf) - self.from_, 0.0))
-        begin = self.from_ * (1.0 - JUMP)
+        begin = self.from_ * (
+            1.0 + 2.0 * JUMP
+        )  # a step that ends at `from` has no load, one that ends at `until` has it
         rows = [(begin + time, factor) for time, factor in own]
         if self.from_:
-            rows = [(rows[0][0] * (1.0 - JUMP), 0.0), *rows]
+            rows = [(self.from_ * (1.0 + JUMP), 0.0), *rows]
         if self.until is not None:
             rows = ended(rows, self.until)
         return None if is_whole(rows, end) else tuple(rows)
