@@ -152,6 +152,10 @@ class FrictionLaw(Protocol):
 class Snapping(Protocol):
     """Optional members of a nonlinear organ: a way past loads without a close equilibrium."""
 
+    @property
+    def rounded_energy(self) -> float:
+        """Round-off of its elastic energy [J]."""
+
     def under(self, answer: Answer[Any], time: float, share: float) -> Answer[Any]:
         """Return an `answer` of this organ for another `share` of the loads at `time` [s], at the same place."""
 

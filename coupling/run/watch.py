@@ -22,7 +22,8 @@ is correct.
 A thread at rest without tension only has the energy of its round-off, all of which can be created
 and dissipated in a step. The round-off of forces does work on the way over which the thread would
 store the available energy. This work is always allowed
-(`coupling.kernels.steps.watch.rounded_work`).
+(`coupling.kernels.steps.watch.rounded_work`), as is the round-off of the energy of tissue at finite
+strain.
 """
 
 from dataclasses import astuple, dataclass
@@ -30,7 +31,7 @@ from dataclasses import astuple, dataclass
 import numpy as np
 
 from coupling.errors import LentError, UphillError
-from coupling.interfaces import Body
+from coupling.interfaces import Body, Snapping
 from coupling.kernels.steps import watch
 from coupling.kernels.steps.watch import Shares
 from coupling.reports.audit import Energies, audit_step, is_of_bdf2
@@ -90,7 +91,8 @@ class Watch:
         shares = Shares(created(step), there, SHARE, give)
         energies = (np.array(astuple(each)) for each in (old, new))
         made, lent, bound, loose = watch.ask(shares, rounded_force(problem), memory_of(step), *energies)
-        over = FACED * sliding_turnover(step)
+        organ = problem.system.organ
+        over = FACED * sliding_turnover(step) + (organ.rounded_energy if isinstance(organ, Snapping) else 0.0)
         bound, loose = max(bound, over), max(loose, over)
         return made, lent, loose if step.dt <= self.least or self.refitted else bound, loose
 

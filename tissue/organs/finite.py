@@ -528,6 +528,11 @@ class FiniteOrgan(MeshedOrgan):
         return ROUND_OFF * stiffness * float(np.cbrt(6.0 * self.law.weights.sum(axis=0).max()))
 
     @cached_property
+    def rounded_energy(self) -> float:
+        """Round-off of the elastic energy [J]: that of tissue at a strain of one."""
+        return ROUND_OFF * float(np.sum(self.law.weights * np.asarray(self.elasticity.material.lame_mu)))
+
+    @cached_property
     def _largest_mass(self) -> float:
         """Largest mass of a node [kg]."""
         return float(self.M.diagonal().max(initial=0.0))
