@@ -15,7 +15,7 @@ Both tails are slack where they leave the tie. One force λ is therefore that of
 is not determined by this equation. For this reason a tie slides as one. Its loop s_b − s_a is under
 the force τ = (f_b − f_a)/2, with f = Φ_sᵀλ/|T| as in `coupling.step.sliding`:
 
-    held        s_a and s_b constant, before hands draw: at rest, where only the hands keep slack strands together
+    held        s_a and s_b constant, before hands draw: only the hands keep slack strands together
     drawn       s_a + s_b constant,  τ = F + c ds_b/dt     by two equal hands, in the end with F
     kept        s_a and s_b constant,  τ > F               while F grows: hands let no thread out
     tied        s_a and s_b constant
@@ -42,7 +42,8 @@ class Tie:
 
     Hands bring its strands together from `begins` [s] on. Each hand draws with a force that grows
     to `force` [N] over `ramp` [s], at most at `speed` [m/s]. The tie is locked at `locks` [s], and
-    then slips above `hold` [N].
+    then slips above `hold` [N]. If `held`, hands hold its strands together from the start until
+    they draw.
     """
 
     name: str
@@ -53,6 +54,7 @@ class Tie:
     ramp: float
     speed: float
     hold: float = np.inf
+    held: bool = False
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.begins < self.locks or not 0.0 <= self.ramp <= self.locks - self.begins:

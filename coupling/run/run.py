@@ -457,7 +457,7 @@ def begin(
 ) -> Run[Body]:
     """Return the run before its first step; the arguments are as for `Run`."""
     nearest, closed, system = np.full(len(system.piercings), np.nan), [], system.at(state)
-    for k in [k for k, tie in enumerate(system.ties) if tie.begins == 0.0]:
+    for k in [k for k, tie in enumerate(system.ties) if tie.begins == 0.0 or tie.held]:
         state, event = begin_tie(system, state, k)
         closed.append(event)
     if closed:

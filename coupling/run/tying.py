@@ -104,7 +104,7 @@ def begin_tie(system: System[Body], state: State[Body], k: int) -> tuple[State[B
     if gap > FARTHEST * np.linalg.norm(first - last):
         cause = (
             f"its strands are {gap:.3g} m apart at the closest points, further than its two holes; let the path cross "
-            "itself over them, or let the tie begin before they part"
+            "itself over them, let the tie begin before they part, or hold them together from the start (held = true)"
         )
         raise FormingError(state.time, tie.name, cause, "tie")
     new = replace(

@@ -213,6 +213,7 @@ class Tie(ScenarioTable):
     ramp: NotNegative | None = None
     speed: Positive = 0.05
     hold: Positive | None = None
+    held: bool = False
 
     @property
     def growth(self) -> float:

@@ -255,7 +255,8 @@ class Stitch(ScenarioTable):
             return []
         hold = {} if self.hold is None else {"hold": self.hold}
         times = {"from": self.from_, "until": self.locks(solve)}
-        return [{"name": self.name, "between": self.ends, "force": self.force} | times | hold]
+        held = {"held": True} if self.from_ else {}
+        return [{"name": self.name, "between": self.ends, "force": self.force} | times | hold | held]
 
 
 def bites_of(stitch: Stitch) -> list[Bite]:

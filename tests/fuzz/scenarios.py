@@ -113,6 +113,7 @@ force = 0.1
 until = 0.01
 speed = 0.5
 hold = 1.0
+held = true
 [[cut]]
 s = 0.03
 time = 0.015

@@ -57,6 +57,21 @@ def test_a_pulley_closes_with_the_strands_that_cross() -> None:
     assert (strands[1:3] / strands[:2] >= np.exp(-0.1 * np.pi)).all()
 
 
+def test_a_stitch_that_begins_later_is_held_until_then_in_time() -> None:
+    """Consistency check: the same stitch at rest; its strands spring apart if nobody holds them."""
+    stitch = {"name": "s", "at": [0, 0, 0], "bite": 4e-3, "depth": 3e-3, "force": 0.15, "from": 0.02, "until": 0.12}
+    mesh = {"kind": "wound", "size": [0.04, 0.036, 0.012], "length": 0.02, "depth": 0.006, "h": 5e-3, "accuracy": 0.5}
+    organ = {"youngs_modulus": 1e6, "poisson_ratio": 0.45, "density": 1070.0, "clamp": ["bottom"], "element": "P1"}
+    table = {"tissue": organ | {"inertia": False, "contact": True, "mesh": mesh}, "stitch": [stitch]}
+    table |= {"thread": {"suture": "4-0 polypropylene", "damping": 50.0}}
+    force = []
+    for solve in ({"kind": "static", "load_steps": 4, "duration": 0.13}, {"dt": 2e-3, "duration": 0.13}):
+        *_, (last, _) = prepare(parse(table | {"solve": solve})).advance()
+        assert last.ties[0].state == "tied"
+        force.append(last.ties[0].force)
+    assert force[0] == pytest.approx(0.15, rel=0.01) and force[1] == pytest.approx(force[0], rel=0.05)
+
+
 @pytest.mark.parametrize("suture", ["2-0 polypropylene", "4-0 nylon"])
 def test_a_tied_loop_does_not_depend_on_the_load_steps(suture: str) -> None:
     """Independent check: hands with a growing force let no thread out, so that a stiff loop keeps its laid length until
