@@ -14,6 +14,7 @@ from thread.kernels.loops import loop, owning
 
 REACH = 3  # coupled points on each side, for a cubic spline
 HALF = 3 * (REACH + 1) - 1  # diagonals on each side
+BLOCK = 64  # columns of a full matrix that are eliminated together; a product then updates all others
 
 
 @loop
@@ -176,14 +177,37 @@ def solve_band(A: Array, X: Array, first: int) -> bool:
     return True
 
 
-@loop
+@owning
 def solve_dense(M: Array) -> bool:
     """Solve for the right-hand sides in the last columns of `M` (k, k + …), in place, with row pivoting.
 
-    Returns False if the matrix is singular.
+    Returns False if the matrix is singular. The elimination is by blocks of columns (Golub and Van
+    Loan, Matrix Computations, 3.4.7).
     """
     k, width = M.shape
-    for j in range(k):
+    for first in range(0, k, BLOCK):
+        last = min(first + BLOCK, k)
+        if not eliminate(M, first, last, last if last < k else width):
+            return False
+        if last < k:
+            eliminate_from_rest(M, first, last)
+    for j in range(k - 1, -1, -1):
+        for z in range(k, width):
+            for c in range(j + 1, k):
+                M[j, z] -= M[j, c] * M[c, z]
+            M[j, z] /= M[j, j]
+    return True
+
+
+@loop
+def eliminate(M: Array, first: int, last: int, end: int) -> bool:
+    """Eliminate the columns from `first` to `last` of `M` below the diagonal, up to the column `end`.
+
+    The factors of the rows replace the eliminated numbers. Returns False if all entries of a column
+    are zero.
+    """
+    k, width = M.shape
+    for j in range(first, last):
         best = j
         for i in range(j + 1, k):
             if abs(M[i, j]) > abs(M[best, j]):
@@ -191,16 +215,33 @@ def solve_dense(M: Array) -> bool:
         if M[best, j] == 0.0:
             return False
         if best != j:
-            for c in range(j, width):
+            for c in range(first, width):
                 M[j, c], M[best, c] = M[best, c], M[j, c]
         for i in range(j + 1, k):
             factor = M[i, j] / M[j, j]
+            M[i, j] = factor
             if factor != 0.0:
-                for c in range(j + 1, width):
+                for c in range(j + 1, end):
                     M[i, c] -= factor * M[j, c]
-    for j in range(k - 1, -1, -1):
-        for z in range(k, width):
-            for c in range(j + 1, k):
-                M[j, z] -= M[j, c] * M[c, z]
-            M[j, z] /= M[j, j]
     return True
+
+
+@owning
+def eliminate_from_rest(M: Array, first: int, last: int) -> None:
+    """Update the columns of `M` from `last` on by the factors of the columns from `first` to `last`."""
+    k, width = M.shape
+    for i in range(first + 1, last):
+        for j in range(first, i):
+            for c in range(last, width):
+                M[i, c] -= M[i, j] * M[j, c]
+    factors, rows = np.empty((k - last, last - first)), np.empty((last - first, width - last))
+    for j in range(first, last):
+        for i in range(last, k):
+            factors[i - last, j - first] = M[i, j]
+        for c in range(last, width):
+            rows[j - first, c - last] = M[j, c]
+    change = np.empty((k - last, width - last))
+    np.dot(factors, rows, change)
+    for i in range(last, k):
+        for c in range(last, width):
+            M[i, c] -= change[i - last, c - last]
