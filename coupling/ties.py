@@ -81,7 +81,8 @@ class Tie:
 
         It is also the part of the way that its strands have moved together.
         """
-        grown = (time - self.begins) / self.ramp if self.ramp > 0.0 else np.inf
+        begun = time >= self.begins - ON_TIME * (self.locks - self.begins)
+        grown = (time - self.begins) / self.ramp if self.ramp > 0.0 else np.inf if begun else 0.0
         return 1.0 if grown > 1.0 - ON_TIME else max(grown, 0.0)
 
     def drawing_force(self, time: float) -> float:

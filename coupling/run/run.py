@@ -423,11 +423,11 @@ class Run(Generic[Body]):
         """
         state, due = self.state, []
         for k, tie in enumerate(self.system.ties):
-            begun = state.present[self.system.strands[k, 0]]
+            begun, known = state.present[self.system.strands[k, 0]], np.diff(state.s[self.system.strands[k]])[0] > 0.0
             if begun and tie.is_locked(state.time) and not tie.is_locked(earlier):
                 state, event = lock_tie(self.system, state, k)
                 due.append(event)
-            elif not begun and is_due(tie.begins, earlier, state.time, dt):
+            elif not (begun or known) and is_due(tie.begins, earlier, state.time, dt):  # not one that was undone
                 state, event = begin_tie(self.system, state, k)
                 due.append(event)
         if not due:

@@ -38,8 +38,8 @@ class TieObservation:
     - `x` (3,) [m]: its place.
     - `gap` [m]: remaining gap between the strands.
     - `work` [J]: work of hands on it so far.
-    - `state`: "open" before it begins and after it is undone, "held" at rest before it is drawn,
-      "drawn", "tied" or "slips".
+    - `state`: "open" before it begins and after it is undone, "held" before it is drawn, "drawn",
+      "tied" or "slips".
     """
 
     name: str
@@ -104,7 +104,7 @@ def begin_tie(system: System[Body], state: State[Body], k: int) -> tuple[State[B
     if gap > FARTHEST * np.linalg.norm(first - last):
         cause = (
             f"its strands are {gap:.3g} m apart at the closest points, further than its two holes; let the path cross "
-            "itself over them, let the tie begin before they part, or hold them together from the start (held = true)"
+            "itself over them, or let the tie begin before they part"
         )
         raise FormingError(state.time, tie.name, cause, "tie")
     new = replace(

@@ -109,12 +109,11 @@ class Timed(ScenarioTable):
             own = list(self.course)
         else:
             own = self.course.rows(max(min(end, self.until or inf) - self.from_, 0.0))
-        begin = self.from_ * (
-            1.0 + 2.0 * JUMP
-        )  # a step that ends at `from` has no load, one that ends at `until` has it
+        # A step that ends at `from` has no load, and one that ends at `until` has it.
+        begin = self.from_ * (1.0 + JUMP)
         rows = [(begin + time, factor) for time, factor in own]
         if self.from_:
-            rows = [(self.from_ * (1.0 + JUMP), 0.0), *rows]
+            rows = [(self.from_, 0.0), *rows]
         if self.until is not None:
             rows = ended(rows, self.until)
         return None if is_whole(rows, end) else tuple(rows)
@@ -125,8 +124,8 @@ class Timed(ScenarioTable):
         A load after a `duration` [s] has its beginning instead. A load without a course grows over
         `ramp` [s], at once if it is None, and a cycle has no last change.
         """
-        if self.from_ > duration:
-            return "from", self.from_
+        if self.from_ and self.from_ >= duration:
+            return "from", self.from_ * (1.0 + 2.0 * JUMP)
         course = self.course.rows(0.0) if isinstance(self.course, ScenarioTable) else self.course
         changes = [later for (_, before), (later, now) in pairwise(course or ()) if now != before]
         last = self.from_ + (max(changes, default=0.0) if course else ramp or 0.0)

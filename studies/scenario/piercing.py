@@ -13,7 +13,7 @@ from pydantic import Field
 
 from studies.scenario.refusal import as_toml, because, dotted_key, nearest, refusal
 from studies.scenario.table import ScenarioError, ScenarioTable, check_ending, check_rising, refuse, refused, repetition
-from studies.scenario.values import From, NotNegative, Number, Positive, Text, Turn, Vector, one_sentence
+from studies.scenario.values import Flag, From, NotNegative, Number, Positive, Text, Turn, Vector, one_sentence
 
 LetGo = tuple[Number]
 HandRow = Annotated[Turn | LetGo, one_sentence("allowed-hand")]
@@ -213,7 +213,7 @@ class Tie(ScenarioTable):
     ramp: NotNegative | None = None
     speed: Positive = 0.05
     hold: Positive | None = None
-    held: bool = False
+    held: Flag = False
 
     @property
     def growth(self) -> float:
@@ -246,5 +246,5 @@ def check_ties(ties: Sequence[Tie], holes: Sequence[Piercing]) -> None:
             other = ties[pairs.index(pairs[k])].name
             raise refused(key, tie.between, "tie-twice", other=as_toml(other))
         for hole in map(known.__getitem__, tie.between):
-            if not hole.from_ <= tie.from_ < (hole.until or inf):
+            if not hole.from_ <= (0.0 if tie.held else tie.from_) <= tie.from_ < (hole.until or inf):
                 raise refused(("tie", tie.name, "from"), tie.from_, "tie-early", name=as_toml(hole.name))

@@ -464,12 +464,13 @@ def check_doors(store: object, on_step: object) -> None:
 
 def refuse_open_ties(simulation: Simulation) -> None:
     """Refuse a tie at the start that cannot begin on the thread as laid. Raises `ScenarioError`."""
-    if not any(tie.from_ == 0.0 for tie in simulation.scenario.tie):
+    if not any(tie.from_ == 0.0 or tie.held for tie in simulation.scenario.tie):
         return
     try:
         simulation.laid()
     except FormingError as error:
-        raise refused(("tie", error.piercing, "from"), 0.0, "tie-laid", cause=error.cause) from error
+        begins = next(tie.from_ for tie in simulation.scenario.tie if tie.name == error.piercing)
+        raise refused(("tie", error.piercing, "from"), begins, "tie-laid", cause=error.cause) from error
 
 
 def sound_start(assembly: Assembly, store: Shared) -> State:

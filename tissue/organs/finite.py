@@ -530,7 +530,9 @@ class FiniteOrgan(MeshedOrgan):
     @cached_property
     def rounded_energy(self) -> float:
         """Round-off of the elastic energy [J]: that of tissue at a strain of one."""
-        return ROUND_OFF * float(np.sum(self.law.weights * np.asarray(self.elasticity.material.lame_mu)))
+        material = self.elasticity.material
+        stiffness = np.asarray(material.lame_lambda) + 2.0 * np.asarray(material.lame_mu)
+        return ROUND_OFF * float(np.sum(self.law.weights * stiffness))
 
     @cached_property
     def _largest_mass(self) -> float:

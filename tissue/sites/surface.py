@@ -243,7 +243,7 @@ class Finder:
     def _middles(self) -> tuple[cKDTree, float]:
         """The middles, and the largest radius [m]."""
         middles = self.triangles.mean(axis=1)
-        radius = np.linalg.norm(self.triangles - middles[:, None], axis=2).max()
+        radius = np.linalg.norm(self.triangles - middles[:, None], axis=2).max(initial=0.0)
         return cKDTree(middles), (1.0 + INSIDE) * float(radius)
 
     def nearest(self, point: Array) -> Indices:
