@@ -525,6 +525,7 @@ def test_a_run_with_ties_goes_on_where_it_was() -> None:
         ({"from": 0.6}, {}, r"tie\.knot1\.until = 0\.5 is refused: it must be later than from"),
         ({"ramp": 0.6}, {}, r"tie\.knot1\.ramp = 0\.6 is refused: the loop is locked 0\.5 s after"),
         ({"force": 0.0}, {}, r"tie\.knot1\.force"),
+        ({"held": 1}, {}, r"tie\.knot1\.held"),
         (
             {"from": 0.3, "until": 0.37},
             {"kind": "dynamic", "dt": 0.25},
@@ -540,6 +541,16 @@ def test_refusals(tie: dict[str, Any], solve: dict[str, Any], words: str) -> Non
     table = stitch(**solve)
     table["tie"][0] |= tie
     with pytest.raises(ScenarioError, match=words):
+        parse(table)
+
+
+def test_held_strands_need_their_holes_from_the_start() -> None:
+    """Independent check: a tie may begin with its hole, but hands cannot hold its strands before."""
+    table = stitch()
+    table["piercing"][0]["from"], table["tie"][0]["from"] = 0.1, 0.2
+    parse(table)
+    table["tie"][0]["held"] = True
+    with pytest.raises(ScenarioError, match=r"tie\.knot1\.from = 0\.2 is refused"):
         parse(table)
 
 

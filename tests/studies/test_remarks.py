@@ -411,6 +411,7 @@ def test_a_tie_that_is_not_locked_before_the_end_is_told(duration: float, late: 
     ("keys", "late"),
     [
         ({"from": 3.0}, {"from": 3.0}),
+        ({"from": 1.0}, {"from": 1.0}),  # the last step ends at this time, without the load
         ({"from": 0.5}, {}),
         ({"from": 0.5, "ramp": 1.0}, {"ramp": 1.5}),
         ({"course": [[0, 0], [5, 1]]}, {"course": 5.0}),
