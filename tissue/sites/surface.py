@@ -6,6 +6,7 @@ The module has the outer surface, its normals, projections on it, and the cells 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -223,8 +224,10 @@ def distances_from(triangles: Array) -> Callable[[Array], Array]:
     finder = Finder(triangles)
 
     def away(points: Array) -> Array:
-        near = (closest_on_triangles(p, triangles[finder.nearest(p)]) for p in points)
-        return np.array([np.linalg.norm(each - p, axis=1).min() for p, each in zip(points, near, strict=True)])
+        each = zip(points, finder.nearest(points), strict=True)
+        return np.array(
+            [np.linalg.norm(closest_on_triangles(p, triangles[near]) - p, axis=1).min() for p, near in each]
+        )
 
     return away
 
@@ -246,20 +249,23 @@ class Finder:
         radius = np.linalg.norm(self.triangles - middles[:, None], axis=2).max(initial=0.0)
         return cKDTree(middles), (1.0 + INSIDE) * float(radius)
 
-    def nearest(self, point: Array) -> Indices:
-        """Return triangles with the nearest one among them, in ascending order, shape `(k,)`."""
+    def nearest(self, points: Array) -> Any:
+        """Return a list of triangles with the nearest one among them, in ascending order.
+
+        `points` is one point `(3,)`, or several `(k, 3)`, each of which gets its own list.
+        """
         tree, _ = self._middles
-        return self._around(point, float(tree.query(point)[0]))
+        return self._around(points, tree.query(points)[0])
 
     def within(self, point: Array, distance: float) -> Indices:
         """Return the triangles at most `distance` [m] from a point, in ascending order, shape `(k,)`."""
-        near = self._around(point, distance)
+        near = np.array(self._around(point, distance), dtype=np.intp)
         away = np.linalg.norm(closest_on_triangles(point, self.triangles[near]) - point, axis=1)
         return near[away <= distance]
 
-    def _around(self, point: Array, distance: float) -> Indices:
+    def _around(self, points: Array, distance: Any) -> Any:
         tree, largest = self._middles
-        return np.array(tree.query_ball_point(point, distance + largest, return_sorted=True), dtype=np.intp)
+        return tree.query_ball_point(points, distance + largest, return_sorted=True)
 
 
 def landing(mesh: MeshTet) -> Callable[[ArrayLike, ArrayLike | None], Array | None]:
