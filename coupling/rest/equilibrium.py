@@ -184,24 +184,25 @@ def settle(
     given: Answer[Body] | None = None,
     began: State[Body] | None = None,
     near: bool = False,
+    firm: bool = False,
 ) -> Step[Body]:
     """Solve for equilibrium at the part `share` of the final loads.
 
     `given` is the organ's answer; None means that at rest, where the stability of the tissue is
     judged too. `began` is the state at the start of the load step if `state` is on its way; None
     means `state`. Hands act as at the time of `began`. If `near`, corrections of the tissue may not
-    be shortened to less than a quarter, or prolonged. Raises `EquilibriumError`, and `FarError` if
-    one is.
+    be shortened to less than a quarter, or prolonged. Raises `EquilibriumError`, also for an unstable thread
+    if it has to be `firm`, and `FarError` if a correction is shortened or prolonged.
     """
-    step = stand_firm(go_downhill(system, state, share, duration, given, began or state, near), near)
+    step = stand_firm(go_downhill(system, state, share, duration, given, began or state, near), firm)
     return snapped(step, share, duration, began or state) if given is None else step
 
 
-def stand_firm(step: Step[Body], near: bool) -> Step[Body]:
+def stand_firm(step: Step[Body], firm: bool) -> Step[Body]:
     """Return a step to a stable equilibrium of the thread.
 
     The step is unchanged if the thread is stable. A thread that would buckle moves to a
-    neighbouring equilibrium. If none is found, the step is unchanged too. If it has to be `near`, a
+    neighbouring equilibrium. If none is found, the step is unchanged too. If it has to be `firm`, a
     `StepError` is raised instead, because a folded thread is often the end of too long a way.
     """
     problem, z = step.solution.problem, step.solution.iterate
@@ -214,7 +215,7 @@ def stand_firm(step: Step[Body], near: bool) -> Step[Body]:
             return Step(step.old, new, problem.dt, solution, end_configuration(new, solution), snapped=True)
     except StepError as error:
         log.debug("no other equilibrium of the thread is found: %s", error)
-    if near:
+    if firm:
         raise StepError(step.old.time, step.dt, "the thread would buckle, and no stable equilibrium is found")
     return step
 
@@ -630,7 +631,8 @@ def go_on(
     """
     halves = depth < DEEPEST and share > begun  # after a cut the loads do not change
     try:
-        step = settle(system, state, share, duration, near=halves)
+        # Halves are accepted with an unstable thread, because slack threads remain unstable in smaller parts.
+        step = settle(system, state, share, duration, near=halves, firm=halves and depth == 0)
         step, gone = accepted(system, step, depth)
     except LeavingError as error:
         gone = error.gone
