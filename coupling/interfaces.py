@@ -150,7 +150,7 @@ class FrictionLaw(Protocol):
 
 @runtime_checkable
 class Snapping(Protocol):
-    """Optional members of a nonlinear organ: a way past loads without a close equilibrium."""
+    """Optional members of a nonlinear organ: round-off, and a way past loads without a close equilibrium."""
 
     @property
     def rounded_energy(self) -> float:

@@ -74,15 +74,20 @@ class Tie:
 
     def is_drawn(self, time: float) -> bool:
         """Return whether hands draw in a step from `time` [s] on."""
-        return time >= self.begins - ON_TIME * (self.locks - self.begins) and not self.is_locked(time)
+        return self.has_begun(time) and not self.is_locked(time)
+
+    def has_begun(self, time: float) -> bool:
+        """Return whether hands have begun to draw at `time` [s]."""
+        return time >= self.begins - ON_TIME * (self.locks - self.begins)
 
     def share(self, time: float) -> float:
         """Return the part of its force with which the loop is drawn at `time` [s].
 
         It is also the part of the way that its strands have moved together.
         """
-        begun = time >= self.begins - ON_TIME * (self.locks - self.begins)
-        grown = (time - self.begins) / self.ramp if self.ramp > 0.0 else np.inf if begun else 0.0
+        if not self.has_begun(time):
+            return 0.0
+        grown = (time - self.begins) / self.ramp if self.ramp > 0.0 else np.inf
         return 1.0 if grown > 1.0 - ON_TIME else max(grown, 0.0)
 
     def drawing_force(self, time: float) -> float:

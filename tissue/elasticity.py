@@ -116,6 +116,13 @@ class Elasticity:
         return np.ascontiguousarray(self.basis.doflocs[:, self.nodes[:, 0]].T)
 
     @cached_property
+    def free_stiffness(self) -> csr_matrix:
+        """Stiffness over the free unknowns without stored zeros, a fifth of the entries of a block, `(N, N)` [N/m]."""
+        K = csr_matrix(self.K[self.free][:, self.free])
+        K.eliminate_zeros()
+        return K
+
+    @cached_property
     def places(self) -> Array:
         """Places of the free unknowns in the reference shape, shape `(N, 3)` [m]."""
         return np.asarray(self.basis.doflocs[:, self.free].T)

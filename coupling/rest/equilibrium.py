@@ -191,8 +191,8 @@ def settle(
     `given` is the organ's answer; None means that at rest, where the stability of the tissue is
     judged too. `began` is the state at the start of the load step if `state` is on its way; None
     means `state`. Hands act as at the time of `began`. If `near`, corrections of the tissue may not
-    be shortened to less than a quarter, or prolonged. Raises `EquilibriumError`, also for an unstable thread
-    if it has to be `firm`, and `FarError` if a correction is shortened or prolonged.
+    be shortened to less than a quarter, or prolonged. Raises `EquilibriumError`, `FarError` if a
+    correction is shortened or prolonged, and `StepError` if an unstable thread has to be `firm`.
     """
     step = stand_firm(go_downhill(system, state, share, duration, given, began or state, near), firm)
     return snapped(step, share, duration, began or state) if given is None else step

@@ -31,7 +31,7 @@ from coupling.run.events import Event, Events, find_events, kept_taut
 from coupling.run.impact import begin_piercing
 from coupling.run.march import march, step_between
 from coupling.run.tautness import carried_over, still_taut, taut_strands
-from coupling.run.tying import TieObservation, begin_tie, let_go_of_cut, lock_tie, observe_ties
+from coupling.run.tying import TieObservation, begin_tie, has_been, let_go_of_cut, lock_tie, observe_ties
 from coupling.run.watch import Watch
 from coupling.step.configuration import Configuration, configuration_of
 from coupling.step.packets import fitted, fitting, know_holes
@@ -423,11 +423,11 @@ class Run(Generic[Body]):
         """
         state, due = self.state, []
         for k, tie in enumerate(self.system.ties):
-            begun, known = state.present[self.system.strands[k, 0]], np.diff(state.s[self.system.strands[k]])[0] > 0.0
-            if begun and tie.is_locked(state.time) and not tie.is_locked(earlier):
+            strands = self.system.strands[k].tolist()
+            if state.present[strands[0]] and tie.is_locked(state.time) and not tie.is_locked(earlier):
                 state, event = lock_tie(self.system, state, k)
                 due.append(event)
-            elif not (begun or known) and is_due(tie.begins, earlier, state.time, dt):  # not one that was undone
+            elif not has_been(state, strands) and is_due(tie.begins, earlier, state.time, dt):
                 state, event = begin_tie(self.system, state, k)
                 due.append(event)
         if not due:

@@ -71,8 +71,8 @@ def observe_tie(spline: Spline, state: State[Body], tie: Tie, strands: Sequence[
     nowhere = np.full(3, np.nan)
     return TieObservation(
         name=tie.name,
-        s_first=float(s[0]) if s[0] < s[1] else np.nan,
-        s_second=float(s[1]) if s[0] < s[1] else np.nan,
+        s_first=float(s[0]) if has_been(state, strands) else np.nan,
+        s_second=float(s[1]) if has_been(state, strands) else np.nan,
         length=float(s[1] - s[0]) if here and first == last else np.nan,
         force=float(np.linalg.norm(state.lam[strands[0], :3])),
         x=places.mean(axis=0) if here else nowhere,
@@ -80,6 +80,11 @@ def observe_tie(spline: Spline, state: State[Body], tie: Tie, strands: Sequence[
         work=work,
         state=tie_state(state, tie, strands[0]),
     )
+
+
+def has_been(state: State[Body], strands: Sequence[int]) -> bool:
+    """Return whether a tie with these `strands` has begun, even if it is undone since."""
+    return bool(state.s[strands[0]] < state.s[strands[1]])
 
 
 def tie_state(state: State[Body], tie: Tie, strand: int) -> TieState:

@@ -53,7 +53,7 @@ def test_bench_step(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypa
 
 
 def test_bench_many(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Independent check: in print and JSON, beside what is in the file; the ratio of two tensions by the time of one
+    """Independent check: in print and in JSON, where other numbers stay; the ratio of two tensions by the time of one
     run, of commands that can be read."""
     path = tmp_path / "bench.json"
     path.write_text('{"milliseconds_per_step": []}')

@@ -116,7 +116,7 @@ def goal_rows(body: Elasticity, sites: Sequence[Site]) -> csr_matrix:
 
 def factor_of(body: Elasticity) -> Solver:
     """Return the solver for the columns of a body."""
-    return solver_of_columns(csr_matrix(body.K[body.free][:, body.free]), body.places)
+    return solver_of_columns(body.free_stiffness, body.places)
 
 
 def compliance(rows: csr_matrix, columns: Array) -> Array:

@@ -123,13 +123,11 @@ def held(body: Elasticity) -> csr_matrix:
 
     If a part of the body can move freely, soft springs are added everywhere.
     """
-    K = csr_matrix(body.K[body.free][:, body.free])
-    K.eliminate_zeros()
     if is_held(body):
-        return K
+        return body.free_stiffness
     span = float(np.linalg.norm(np.ptp(body.points, axis=0)))
     firm = SOFT * np.max(body.material.youngs_modulus / body.material.density) / span**2
-    return csr_matrix(K + firm * body.M[body.free][:, body.free])
+    return csr_matrix(body.free_stiffness + firm * body.M[body.free][:, body.free])
 
 
 def is_held(body: Elasticity) -> bool:
