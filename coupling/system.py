@@ -11,7 +11,7 @@ import numpy as np
 from coupling.arrays import Array, Flags, Indices
 from coupling.errors import CouplingError
 from coupling.interfaces import Body, FrictionLaw, KnowsDirections, Organ
-from coupling.kernels.constraints import Passage, knot_passage, passage
+from coupling.kernels.constraints import Functions, Passage, knot_functions, passage_by
 from coupling.ties import ON_TIME, Tie
 from thread.banded import diagonal_of
 from thread.ends import Clamped, End
@@ -397,18 +397,24 @@ class System(Generic[Body]):
         """
 
         def make() -> Passage:
-            if self.thread.travels:
-                return knot_passage(self.thread.placed(s).spline, q, s, drive, ridden)
-            return passage(self.thread.spline, q, s, home)
+            unknown = np.zeros(len(s)) if self.thread.travels and drive is None else drive
+            return passage_by(self._functions.of((s, home), functions), q, unknown, ridden)
 
-        # the cache does not distinguish the pieces in `home`, and the `ridden` of an iterate is used only once
-        if self.thread.spline.cuts.size or ridden is not None:
-            return make()
-        return self._passages.of((q, s, drive), make)
+        def functions() -> Functions:
+            if self.thread.travels:
+                return knot_functions(self.thread.placed(s).spline, s)
+            return self.thread.spline.basis(s, home)
+
+        return make() if ridden is not None else self._passages.of((q, s, home, drive), make)
 
     @cached_property
     def _passages(self) -> Recent[Passage]:
-        """Cache of `passage`."""
+        """Cache of `passage`; `ridden` is that of one iterate and is used only once."""
+        return Recent()
+
+    @cached_property
+    def _functions(self) -> Recent[Functions]:
+        """Cache of the functions at the holes; a line search moves the thread at the same abscissae."""
         return Recent()
 
     @cached_property

@@ -26,6 +26,7 @@ from thread.spline import ORDERS, Spline
 from thread.vectors import cross
 from tissue.recent import Recent
 
+Functions = tuple[Indices, Array]  # `first` (p,) and `b` (p, 4, 4), as in `Passage`
 C1, C2 = numbers(3, 4)  # c₁, c₂ among the five numbers of Φ
 LOCAL = np.arange(ORDERS)
 LOCAL_UNKNOWNS = 3 * LOCAL[:, None] + np.arange(3)  # of the four points of a span, counted from those of the first
@@ -73,11 +74,12 @@ class Passage:
         return Recent()
 
 
-def knot_passage(spline: Spline, q: Array, s: Array, drive: Array | None, ridden: Ridden | None = None) -> Passage:
-    """Evaluate a thread whose knots travel at the knots of its holes; P and T there do not depend on s.
+def knot_functions(spline: Spline, s: Array) -> Functions:
+    """Return the functions of a thread whose knots travel, at the knots of its holes; P and T there
+    do not depend on s.
 
     `spline` is the one of (P, S), and `s` (p,) [m] are the abscissae. A hold without a knot is
-    evaluated at its s. `drive` (p,) [N] is −∂Π/∂s; None means unknown, and zero is taken.
+    evaluated at its s.
     """
     assert isinstance(spline, Placed)
     travel = spline.travel
@@ -88,11 +90,17 @@ def knot_passage(spline: Spline, q: Array, s: Array, drive: Array | None, ridden
     first, b = spline.chi.basis(chi)
     b = b[:, :4] * np.array([1.0, 1.0, 0.0, 0.0])[:, None]
     b[:, 1] /= np.einsum("mi,mi->m", b[:, 1], spline.places[first[:, None] + LOCAL])[:, None]
+    return first, b
+
+
+def passage_by(functions: Functions, q: Array, drive: Array | None = None, ridden: Ridden | None = None) -> Passage:
+    """Evaluate the thread with control values `q` (n, c) by its functions at the holes.
+
+    `drive` (p,) [N] is −∂Π/∂s if knots travel, or `ridden` contains it.
+    """
+    first, b = functions
     D = np.ascontiguousarray((b @ q[first[:, None] + LOCAL])[..., :3])
-    if ridden is not None:
-        drive = -ridden.by_s
-    drive = np.zeros(len(s)) if drive is None else drive
-    return Passage(first, b, D, drive, ridden)
+    return Passage(first, b, D, drive if ridden is None else -ridden.by_s, ridden)
 
 
 def passage(spline: Spline, q: Array, s: Array, home: Array | None = None) -> Passage:
@@ -101,9 +109,7 @@ def passage(spline: Spline, q: Array, s: Array, home: Array | None = None) -> Pa
     If `home` is given, each hold is on the piece of a cut thread that contains its abscissa in
     `home`.
     """
-    first, b = spline.basis(s, home)
-    D = np.ascontiguousarray((b @ q[first[:, None] + LOCAL])[..., :3])
-    return Passage(first, b, D)
+    return passage_by(spline.basis(s, home), q)
 
 
 class Meeting(NamedTuple):

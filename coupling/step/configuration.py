@@ -1,6 +1,7 @@
 """The evaluated thread: its curve, its passage through the holes, and its elastic forces."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from thread.frames import Frame
 from thread.kernels.travel import Ridden
 from thread.thread import Points, Thread
 
-PUT = 3  # times that control points are put on the constraints at most
+PUT = 3  # times that control points are put on the constraints, at most
 GAP_TOLERANCE = 1e-11  # of the thread's diameter
 
 
@@ -55,39 +56,52 @@ def configuration_of(system: System[Body], state: State[Body]) -> Configuration:
     return evaluate_thread(system, state.q, state.s, state.frame, drive=state.drive)
 
 
-def local_rows(system: System[Body], rows: Flags, at: Passage, y: Array) -> Array:
-    """Return Φ_q of each hold over its four local control points, shape `(m, 5, 12)`.
+class LocalRows(NamedTuple):
+    """Φ_q of each hold over its four local control points, and its pseudo-inverse.
 
-    It is zero where the constraint is not among the `rows` (m, 5) in force, and at control points that are held.
+    `rows` (m, 5, 12) are zero for a constraint that is not in force, and at control points that are
+    held; `inverse` (m, 12, 5).
     """
+
+    rows: Array
+    inverse: Array
+
+    def put_back(self, at: Passage, off: Array, like: Array) -> Array:
+        """Return the shortest move of control points, of the shape of `like` (n, c) [m], that changes Φ by `off`
+        (m, 5).
+        """
+        out = np.zeros_like(like)
+        np.add.at(out[:, :3], at.first[:, None] + LOCAL, np.matvec(self.inverse, off).reshape(-1, 4, 3))
+        return out
+
+
+def local_rows(system: System[Body], rows: Flags, at: Passage, y: Array) -> LocalRows:
+    """Return Φ_q of each hold, with those of the constraints that are among the `rows` (m, 5) in force."""
     by_curve = np.zeros((len(y), 5, 2, 3))  # derivatives by P and T
     by_curve[:, :3, 0] = np.eye(3)
     by_curve[:, 3:, 1] = y[:, 3:].reshape(-1, 2, 3)
     free = ~system.held_flags[at.first[:, None] + LOCAL, :3]
     local = np.einsum("mcox,moi->mcix", by_curve, at.b[:, :2]) * free[:, None] * rows[:, :, None, None]
-    return np.asarray(local.reshape(-1, 5, 12))
+    local = local.reshape(-1, 5, 12)
+    return LocalRows(local, np.linalg.pinv(local, rcond=1e-12))
 
 
-def inverse_of(rows: Array) -> Array:
-    """Return the pseudo-inverse of the rows of each hold `(m, 5, 12)`, shape `(m, 12, 5)`."""
-    return np.asarray(np.linalg.pinv(rows, rcond=1e-12))
+def onto_constraints(
+    system: System[Body], rows: Flags, q: Array, s: Array, y: Array, home: Array | None = None, times: int = PUT
+) -> tuple[Array, LocalRows]:
+    """Return control values `q` (n, c) moved the shortest way onto the constraints among the `rows`
+    (m, 5) in force, and Φ_q.
 
-
-def onto_constraints(system: System[Body], rows: Flags, q: Array, s: Array, y: Array, home: Array | None) -> Array:
-    """Return control values `q` (n, c) moved the shortest way onto the constraints among the `rows` (m, 5) in force.
-
-    The abscissae `s` (m,) [m] and the sites `y` (m, 9) stay. Holds near one another share control points, so that a
-    few calls are needed.
+    The abscissae `s` (m,) [m] and the sites `y` (m, 9) stay. Holds near one another share control
+    points, so that the values are moved several `times`. They are the same object if they are on
+    the constraints.
     """
     at = system.passage(q, s, home)
-    off = phi(at, np.zeros(rows.shape), y) * rows
-    if np.abs(off).max(initial=0.0) <= GAP_TOLERANCE * system.thread.section.diameter:
-        return q
-    return q - put_back(at, inverse_of(local_rows(system, rows, at, y)), off, q)
-
-
-def put_back(at: Passage, inverse: Array, off: Array, like: Array) -> Array:
-    """Return the shortest move of control points, of the shape of `like` (n, c) [m], that changes Φ by `off` (m, 5)."""
-    out = np.zeros_like(like)
-    np.add.at(out[:, :3], at.first[:, None] + LOCAL, np.matvec(inverse, off).reshape(-1, 4, 3))
-    return out
+    local, tolerance = local_rows(system, rows, at, y), GAP_TOLERANCE * system.thread.section.diameter
+    for _ in range(times):
+        off = phi(at, np.zeros(rows.shape), y) * rows
+        if np.abs(off).max(initial=0.0) <= tolerance:
+            break
+        q = q - local.put_back(at, off, q)
+        at = system.passage(q, s, home)
+    return q, local

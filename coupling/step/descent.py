@@ -47,7 +47,7 @@ from coupling.kernels.bordered import SINGULAR_HOLDS, S, SingularError, Y
 from coupling.kernels.constraints import LOCAL
 from coupling.kernels.friction import Ruled
 from coupling.step import newton
-from coupling.step.configuration import GAP_TOLERANCE, PUT, inverse_of, local_rows, onto_constraints, put_back
+from coupling.step.configuration import GAP_TOLERANCE, PUT, LocalRows, onto_constraints
 from coupling.step.newton import (
     Iterate,
     Problem,
@@ -148,7 +148,7 @@ class Descent(Generic[Body]):
             self.stopped = np.zeros(len(z.s), dtype=bool)
             return consistent(problem, z, holding_forces(problem, z))
         if self.there.z is z and self.there.problem.answer is problem.answer:
-            return Place(problem, z, r, self.there.f)
+            return replace(self.there, problem=problem, r=r)
         return consistent(problem, replace(z, sigma=self.released(self.there, z.sigma)), self.there.f)
 
     def released(self, at: "Place[Body]", sigma: Array) -> Array:
@@ -212,29 +212,20 @@ def shortened(share: float, slope: float, down: float) -> float:
 
 @dataclass(frozen=True)
 class Place(Generic[Body]):
-    """An iterate `z` of a `problem` on its constraints, its residual `r`, and the forces `f` (m, 9)
-    that hold the sites.
+    """An iterate `z` of a `problem` on its constraints, its residual `r`, the forces `f` (m, 9)
+    that hold the sites, and Φ_q, `local`.
     """
 
     problem: Problem[Body]
     z: Iterate
     r: Residual
     f: Array
+    local: LocalRows
 
     @cached_property
     def border(self) -> Border:
         """The linearised holds."""
         return border_of(self.problem, self.z, self.r.passage)
-
-    @cached_property
-    def rows(self) -> Array:
-        """Φ_q over the local control points, as in `local_rows`."""
-        return local_rows(self.problem.system, self.problem.rows, self.r.passage, self.z.y)
-
-    @cached_property
-    def inverse(self) -> Array:
-        """Pseudo-inverse of the rows, shape `(m, 12, 5)`."""
-        return inverse_of(self.rows)
 
     @cached_property
     def ruled(self) -> Ruled:
@@ -259,7 +250,7 @@ class Place(Generic[Body]):
         if np.array_equal(sigma, self.z.sigma):
             return self
         z = replace(self.z, sigma=admissible_sigma(self.problem.law, sigma))
-        return Place(self.problem, z, evaluate(self.problem, z), self.f)
+        return replace(self, z=z, r=evaluate(self.problem, z))
 
     def touching(self) -> "Place[Body]":
         """Return the place with the pairs pressed that its forces press; itself if no set of pairs fits."""
@@ -329,9 +320,9 @@ class Way(Generic[Body]):
         It is infinite if a residual is inf or nan.
         """
         problem, z, r, border = at.problem, at.z, at.r, at.border
-        off = np.matvec(at.rows, self.dq[r.passage.first[:, None] + LOCAL, :3].reshape(-1, 12))
+        off = np.matvec(at.local.rows, self.dq[r.passage.first[:, None] + LOCAL, :3].reshape(-1, 12))
         off += np.matvec(border.Phi_y, self.dz[:, Y]) + border.Phi_s * self.dz[:, :1]
-        along = self.dq - put_back(r.passage, at.inverse, off * problem.rows, self.dq)
+        along = self.dq - at.local.put_back(r.passage, off * problem.rows, self.dq)
         residual = r.thread.copy()
         residual.ravel()[problem.system.held] = 0.0
         law, drive = problem.law, np.where(z.sigma == 0.0, 0.0, r.holds[:, S])
@@ -347,13 +338,15 @@ def put_on_constraints(problem: Problem[Body], z: Iterate, f: Array) -> Place[Bo
 
     If the thread bears on the organ, its points also move the sites.
     """
-    for _ in range(PUT):
+    rounds, times = (1, PUT) if problem.strands is None else (PUT, 1)
+    for _ in range(rounds):
         if problem.strands is not None:
             z = replace(z, y=sites_under(problem, z, f))
-        q, z = z.q, replace(z, q=onto_constraints(problem.system, problem.rows, z.q, z.s, z.y, problem.law.s_old))
-        if z.q is q:
+        q, local = onto_constraints(problem.system, problem.rows, z.q, z.s, z.y, problem.law.s_old, times)
+        if q is z.q:
             break
-    return Place(problem, z, evaluate(problem, z), f)
+        z = replace(z, q=q)
+    return Place(problem, z, evaluate(problem, z), f, local)
 
 
 def sites_under(problem: Problem[Body], z: Iterate, f: Array) -> Array:

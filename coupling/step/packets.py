@@ -16,7 +16,7 @@ from coupling.arrays import Array, Flags
 from coupling.errors import InversionError, StepError
 from coupling.interfaces import Body
 from coupling.kernels.steps.riding import Fit, knots_fit
-from coupling.step.configuration import PUT, onto_constraints
+from coupling.step.configuration import onto_constraints
 from coupling.step.diagnosis import holds_in_force
 from coupling.step.stepping import Step, Take
 from coupling.step.tension import REST, lengths_bent_over, pull_at
@@ -160,8 +160,7 @@ def put_on_knots(system: System[Body], state: State[Body], travel: Travel) -> Ex
     N = old.interpolate(thread.axial.s, thread.axial.home, known.s, known.home, state.N)
     # It passes neither a hole that begins nor one that it has left.
     passed = np.isin(np.arange(system.holds), np.intersect1d(travel_of(system).holds, travel.holds))
-    for _ in range(PUT):
-        q = onto_constraints(other, other.rows & passed[:, None], q, state.s, state.y, None)
+    q, _ = onto_constraints(other, other.rows & passed[:, None], q, state.s, state.y)
     return other, replace(state, q=q, v=v, N=N, spline=new, solved=solved_curve(state))
 
 

@@ -62,7 +62,7 @@ def test_the_work_along_a_correction_is_the_slope_of_the_potential() -> None:
     for _ in range(3):
         problem, z = descent(problem, z, newton.evaluate(problem, z))
     assert descent.there is not None
-    start = Place(problem, z, newton.evaluate(problem, z), descent.there.f)
+    start = replace(descent.there, problem=problem, r=newton.evaluate(problem, z))
     for tie in (0.0, 1e8):
         way = Way(start, *newton.direction(problem, z, start.r, tie))
         assert way.slope < 0.0
