@@ -310,6 +310,18 @@ class System(Generic[Body]):
                 held.append(first + np.array([3]))
         return np.concatenate(held)
 
+    def held_pieces(self, s: Array, present: Flags) -> Flags:
+        """Return which pieces of the thread a hole or an end holds, shape `(pieces,)`.
+
+        The holds at `s` (m,) [m] that are `present` (m,) hold their pieces.
+        """
+        spline = self.thread.spline
+        held = np.zeros(spline.pieces, dtype=bool)
+        held[spline.piece_of(s[present])] = True
+        for piece, end in zip((0, -1), self.ends, strict=True):
+            held[piece] |= end.position(0.0) is not None
+        return held
+
     @cached_property
     def held_flags(self) -> Flags:
         """Flags of the thread's unknowns that its ends prescribe, shape `(n, c)`."""

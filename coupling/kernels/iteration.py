@@ -129,7 +129,8 @@ class Bounds(NamedTuple):
     - `gap` [m]: tolerance of a place.
     - `longest` [m]: largest move in a correction.
     - `iterations`, `sets`: limits of the corrections for one active set, and of the sets.
-    - `floats`: whether the thread floats.
+    - `pieces` (p, 2), `floats` (p,): first control point of each piece of the thread and of what
+      follows it, and whether nothing holds the piece.
     """
 
     rounded: Array
@@ -138,7 +139,8 @@ class Bounds(NamedTuple):
     longest: float
     iterations: int
     sets: int
-    floats: bool
+    pieces: Indices
+    floats: Flags
 
 
 @record
@@ -496,30 +498,32 @@ def newton_direction(A: Array, law: Law, sigma: Array, given: Given, r: Found, d
 
 
 @loop
-def longest_way(dq: Array, lever: Array, floats: bool) -> float:
+def longest_way(dq: Array, lever: Array, pieces: Indices, floats: Flags) -> float:
     """Return the longest way of a control point under a move `dq` (n, c) [m].
 
-    If the thread `floats`, the mean move of all control points is subtracted.
+    The mean move of a piece of the thread that `floats` is subtracted.
     """
-    longest, n = 0.0, len(dq)
-    for x in range(dq.shape[1]):
-        mean = 0.0
-        if floats:
-            for i in range(n):
-                mean += dq[i, x] / n
-        for i in range(n):
-            longest = max(longest, abs((dq[i, x] - mean) * lever[x]))
+    longest = 0.0
+    for k in range(len(floats)):
+        first, end = pieces[k, 0], pieces[k, 1]
+        for x in range(dq.shape[1]):
+            mean = 0.0
+            if floats[k]:
+                for i in range(first, end):
+                    mean += dq[i, x] / (end - first)
+            for i in range(first, end):
+                longest = max(longest, abs((dq[i, x] - mean) * lever[x]))
     return longest
 
 
 @loop
-def allowed_share(longest: float, floats: bool, lever: Array, dq: Array) -> float:
+def allowed_share(longest: float, pieces: Indices, floats: Flags, lever: Array, dq: Array) -> float:
     """Return the part of a correction `dq` (n, c) that is applied.
 
-    No control point moves further than `longest` [m]; if the thread `floats`, the mean move of all
-    does not count. A coordinate moves the thread by its `lever` (c,) [-, m].
+    No control point moves further than `longest` [m]; the mean move of a piece that `floats` does not
+    count. A coordinate moves the thread by its `lever` (c,) [-, m].
     """
-    return min(1.0, longest / max(longest_way(dq, lever, floats), TINY))
+    return min(1.0, longest / max(longest_way(dq, lever, pieces, floats), TINY))
 
 
 @loop
@@ -541,7 +545,7 @@ def share_between_holes(ride: Ride, S: Array, dz: Array) -> float:
 @loop
 def add_correction(bounds: Bounds, lever: Array, ride: Ride, S: Array, z: Unknowns, dq: Array, dz: Array) -> None:
     """Add the allowed part of a correction; `dq` and the first column of `dz` become the applied changes."""
-    share = allowed_share(bounds.longest, bounds.floats, lever, dq)
+    share = allowed_share(bounds.longest, bounds.pieces, bounds.floats, lever, dq)
     if ride.on:
         share = min(share, share_between_holes(ride, S, dz))
     for i in range(len(dq)):

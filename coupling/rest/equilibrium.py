@@ -169,11 +169,7 @@ def loose_points(system: System[Body], state: State[Body]) -> Flags:
     spline = system.thread.spline
     if spline.pieces == 1:
         return np.zeros(spline.n, dtype=bool)
-    held = np.zeros(spline.pieces, dtype=bool)
-    held[spline.piece_of(state.s[state.present])] = True
-    for piece, end in zip((0, -1), system.ends, strict=True):
-        held[piece] |= end.position(0.0) is not None
-    return np.repeat(~held, spline.piece_points)
+    return np.repeat(~system.held_pieces(state.s, state.present), spline.piece_points)
 
 
 def settle(

@@ -21,7 +21,7 @@ from typing import Any, Generic
 import numpy as np
 
 from coupling.answer import all_holds, pad_compliance
-from coupling.arrays import Array, Flags
+from coupling.arrays import Array, Flags, Indices
 from coupling.calls import ask_before_correction
 from coupling.errors import FarError, StepError
 from coupling.interfaces import Answer, Body
@@ -155,14 +155,17 @@ class Problem(Generic[Body]):
         """mass_factor·M, banded."""
         return self.mass_factor * self.system.thread.mass_band
 
-    @property
-    def floats(self) -> bool:
-        """Whether no hole and no end holds the thread.
+    @cached_property
+    def floating(self) -> tuple[Indices, Flags]:
+        """First control point of each piece of the thread and of what follows it, `(p, 2)`, and
+        whether no hole and no end holds the piece, `(p,)`.
 
-        Its mean place then does not affect any force, and a dead load moves it by many lengths in a
-        step.
+        The mean place of such a piece does not affect any force, and a dead load moves it by many
+        lengths in a step.
         """
-        return not (self.rows.any() or self.system.held.size)
+        spline = self.system.thread.spline
+        ends = np.column_stack([spline.piece_starts, spline.piece_starts + spline.piece_points])
+        return ends, ~self.system.held_pieces(self.law.s_old, np.asarray(self.rows.any(axis=1)))
 
     @cached_property
     def contact(self) -> Contact[Body] | None:
@@ -449,12 +452,12 @@ def add_constraint_stiffness(
 def allowed_share(problem: Problem[Body], dq: Array) -> float:
     """Return the part of a correction that is applied.
 
-    No control point moves further than LONGEST_MOVE; if the thread floats, the mean move of all
-    does not count.
+    No control point moves further than LONGEST_MOVE; the mean move of a piece that floats does not
+    count.
     """
     thread = problem.system.thread
     longest = LONGEST_MOVE * (thread.spline.end - thread.spline.start)
-    return float(share(longest, problem.floats, thread.lever, np.ascontiguousarray(dq)))
+    return float(share(longest, *problem.floating, thread.lever, np.ascontiguousarray(dq)))
 
 
 def applied_share(problem: Problem[Body], r: Residual, dq: Array, dz: Array) -> float:

@@ -124,7 +124,7 @@ def bounds_of(problem: Problem) -> Bounds:
         newton.LONGEST_MOVE * (spline.end - spline.start),
         newton.MAX_ITERATIONS,
         newton.MAX_SETS,
-        problem.floats,
+        *problem.floating,
     )
 
 
