@@ -50,7 +50,6 @@ from tissue.supports import motions_in_words, rigid_motions
 
 # Cached operators, if memory allows: of BDF2, of backward Euler, and of each part of a halved step.
 KEPT_OPERATORS = 12
-ROWS_OF_NODE = 3  # one row for each component of the displacement
 COLUMNS = 64  # columns of A⁻¹Yᵀ that are solved for together
 PAIRS = 8  # columns of A⁻¹Gᵀ that are solved for together: more are faster by multigrid only, and often not needed
 SHARE = 0.5  # of the free memory: the largest part that the compliance of the gaps can take
@@ -751,9 +750,8 @@ class Operator:
 
         def some_pairs(some: Indices) -> Array:
             weights = S[some]
-            rows = ROWS_OF_NODE * np.unique(weights.indices // ROWS_OF_NODE)[:, None] + np.arange(ROWS_OF_NODE)
-            whole = rows.ravel()  # of whole nodes
-            return np.asarray(S @ (self.C_rr.of(whole) @ weights[:, whole].toarray().T))
+            rows = np.unique(weights.indices)
+            return np.asarray(S @ (self.C_rr.of(rows) @ weights[:, rows].toarray().T))
 
         return Columns(S.shape[0], some_pairs)
 
@@ -775,9 +773,9 @@ class Operator:
     def C_rr(self) -> Columns:
         """R A⁻¹ Rᵀ of the nodes of the lips, `(3r, 3r)` [m/N].
 
-        It is not needed before a pair has slid. Columns are solved node by node.
+        It is not needed before a pair has slid.
         """
-        return gap_compliance(self.factor, self.organ.lip_rows, together=ROWS_OF_NODE)
+        return gap_compliance(self.factor, self.organ.lip_rows)
 
 
 def compliance(factor: Solver, Y: csr_matrix, rough: bool = False) -> tuple[Array, Array]:
