@@ -352,12 +352,11 @@ def strands(system: System[Body], seen: Seen) -> tuple[Array, Array]:
     """Return the abscissa of each hole on its piece of the thread, shape `(k, p)` [m], and those of
     its neighbours.
 
-    The neighbours are the next holes or ends before and after it, shape `(k, p, 2)` [m].
+    The neighbours are the next holes, knots or ends before and after it, shape `(k, p, 2)` [m].
     """
-    spline, p = system.thread.spline, len(system.piercings)
-    s, there = seen.s[:, :p], seen.present[:p]
+    spline, s = system.thread.spline, seen.s[:, : len(system.piercings)]
     low, high = np.moveaxis(spline.piece_ends[spline.piece_of(s)[:, :, None] + np.arange(2)], 2, 0)
-    others, own = s[:, None], s[:, :, None]
+    others, own, there = seen.s[:, None], s[:, :, None], seen.present
     before = np.where(there & (others < own), others, -np.inf).max(axis=2, initial=-np.inf)
     after = np.where(there & (others > own), others, np.inf).min(axis=2, initial=np.inf)
     return s.clip(low, high), np.stack([np.maximum(before, low), np.minimum(after, high)], axis=2)

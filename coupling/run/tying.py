@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from coupling.arrays import Array
 from coupling.errors import FormingError
 from coupling.interfaces import Body
+from coupling.kernels.constraints import driving_force
 from coupling.run.events import Event
 from coupling.run.impact import CORRECTIONS
 from coupling.step.stepping import release
@@ -34,7 +35,8 @@ class TieObservation:
 
     - `s_first`, `s_second` [m]: abscissae of its strands; of a tie that is undone, the last ones.
     - `length` [m]: unstrained length of the thread in its loop; nan for a loop that is cut.
-    - `force` [N]: tension of the strands that it holds.
+    - `force` [N]: its force along the strands, the mean of both: tension of the loop less that of the
+      tails.
     - `x` (3,) [m]: its place.
     - `gap` [m]: remaining gap between the strands.
     - `work` [J]: work of hands on it so far.
@@ -55,12 +57,23 @@ class TieObservation:
 
 def observe_ties(system: System[Body], state: State[Body], works: Array) -> tuple[TieObservation, ...]:
     """Return the observations of all ties of a state; `works` (t,) [J] is the work of the hands so far."""
-    each = zip(system.ties, system.strands.tolist(), works.tolist(), strict=True)
-    spline = system.thread.spline
-    return tuple(observe_tie(spline, state, tie, strands, work) for tie, strands, work in each)
+    if not system.ties:
+        return ()
+    each = zip(system.ties, system.strands.tolist(), tie_forces(system, state).tolist(), works.tolist(), strict=True)
+    return tuple(observe_tie(system.thread.spline, state, *known) for known in each)
 
 
-def observe_tie(spline: Spline, state: State[Body], tie: Tie, strands: Sequence[int], work: float) -> TieObservation:
+def tie_forces(system: System[Body], state: State[Body]) -> Array:
+    """Return the force of every tie along its strands, the mean of both, shape `(t,)` [N]."""
+    at, (one, other) = system.passage_of(state), system.strands.T
+    size = np.linalg.norm(at.T, axis=1) if state.stretch is None or not system.thread.travels else state.stretch
+    along = driving_force(at, state.lam, state.y) / size
+    return np.where(state.present[one], 0.5 * np.abs(along[one] - along[other]), 0.0)
+
+
+def observe_tie(
+    spline: Spline, state: State[Body], tie: Tie, strands: Sequence[int], force: float, work: float
+) -> TieObservation:
     """Return the observation of one tie of a state.
 
     An open tie has no place and no loop, a tie with a cut loop has no length, and a tie has no
@@ -74,7 +87,7 @@ def observe_tie(spline: Spline, state: State[Body], tie: Tie, strands: Sequence[
         s_first=float(s[0]) if has_been(state, strands) else np.nan,
         s_second=float(s[1]) if has_been(state, strands) else np.nan,
         length=float(s[1] - s[0]) if here and first == last else np.nan,
-        force=float(np.linalg.norm(state.lam[strands[0], :3])),
+        force=force,
         x=places.mean(axis=0) if here else nowhere,
         gap=float(np.linalg.norm(places[0] - places[1])) if here else np.nan,
         work=work,

@@ -48,11 +48,12 @@ def refuse_faults(system: System[Body], state: State[Body]) -> None:
 
 
 def diagnose(system: System[Body], state: State[Body], error: StepError) -> CouplingError:
-    """Return the error that explains the failure of a step best.
+    """Return the error that explains the failure of a step from a state best.
 
     It is `TogetherError` if holes have come to one place, `ConstraintError` if the constraints have
     a fault, `TurnedHoleError` if frames have collapsed, else the `error` of the step.
     """
+    system = system.at(state)
     try:
         refuse_together(system, state)
     except TogetherError as together:
@@ -66,23 +67,27 @@ def diagnose(system: System[Body], state: State[Body], error: StepError) -> Coup
 
 
 def refuse_together(system: System[Body], state: State[Body]) -> None:
-    """Raise `TogetherError` if holes have come to one place."""
+    """Raise `TogetherError` if holes, or a hole and a tie, have come to one place."""
     together = drawn_together(system, state)
     if together:
         raise TogetherError(state.time, "; ".join(together))
 
 
 def drawn_together(system: System[Body], state: State[Body]) -> list[str]:
-    """Return sentences on neighbouring piercings with less than a diameter of thread between them."""
-    names, s, organ = hold_names(system), state.s, system.organ
+    """Return sentences on neighbouring piercings and ties with less than a diameter of thread between them."""
+    names, s, organ, p = hold_names(system), state.s, system.organ, len(system.piercings)
     others = [] if getattr(organ, "turns", False) else ["tissue at finite strain (tissue.material)"]
     others += [] if getattr(organ, "pairs", 0) else ["[[contact]] between the lips of a wound"]
-    along = [k for k in holds_along_thread(system, state) if k < len(system.piercings)]
+    along = [k for k in holds_along_thread(system, state) if k < p or system.of_ties[k]]
+    remedies = {
+        2: f"pull less, or use {' or '.join(['firmer tissue', *others])}",
+        1: "draw less, or give the holes friction, so that the loop does not slide round in them",
+    }
     return [
         f"the thread between {names[i]} and {names[j]} is drawn to nothing, {abs(s[j] - s[i]):.2g} m of it are left: "
-        f"they have come to one place; pull less, or use {' or '.join(['firmer tissue', *others])}"
+        f"they have come to one place; {remedies[(i < p) + (j < p)]}"
         for i, j in pairwise(along)
-        if abs(s[j] - s[i]) < system.thread.section.diameter
+        if abs(s[j] - s[i]) < system.thread.section.diameter and min(i, j) < p
     ]
 
 

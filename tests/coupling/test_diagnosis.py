@@ -399,6 +399,15 @@ def test_a_fault_that_a_piercing_brings_is_told_when_it_begins(
     assert summary["status"] == "failed" and "too few control points" in summary["error"]
 
 
+def test_a_failure_on_other_knots_than_at_the_start_is_explained() -> None:
+    """Consistency check: a step is explained on the knots of its state, which may be more than those of the run."""
+    system, state = straight([2.5 * SPAN, 5.5 * SPAN])
+    finer = Spline(clamped_knots(np.linspace(0.0, LENGTH, 2 * N)))
+    error = StepError(0.0, 1e-3, "no convergence")
+    other = replace(state, q=greville(finer)[:, None] * X, spline=finer, s=np.array([0.5, 0.9]) * LENGTH)
+    assert diagnose(system, other, error) is error
+
+
 def test_a_knot_between_two_holes_takes_the_fault_away() -> None:
     """Independent check: the remedy that is named, one control point more between them."""
     breaks = np.linspace(0.0, LENGTH, N - 2)

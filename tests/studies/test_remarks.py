@@ -462,10 +462,10 @@ def test_a_tie_that_is_locked_while_its_hands_take_up_slack_is_told() -> None:
     assert held[0.05] < 0.1 and held[0.5] == pytest.approx(0.5, rel=FIRST_ORDER)
 
 
-@pytest.mark.parametrize(("pull", "codes"), [(0.0, set()), (0.15, {"tie-tight"})])
-def test_a_tie_at_rest_whose_tails_are_taut_has_a_remark(pull: float, codes: set[str]) -> None:
-    """Independent check: where slack strands cross, hands of 0.1 N lock the loop under 0.1 N; tails under 0.18 N pull
-    their strands across the tie by more."""
+@pytest.mark.parametrize("pull", [0.0, 0.15])
+def test_the_loop_of_a_tie_bears_the_tension_of_its_tails_too(pull: float) -> None:
+    """Independent check: hands of 0.1 N lock the loop under 0.1 N, and tails under 0.18 N add theirs, here at holes
+    without friction; no remark blames the hands."""
     table = tomllib.loads(LOOP.format(speed=0.5))
     path = [[-20, 0, 20], [5, -1, 10], [-5, 0, -5], [5, 0, -5], [-5, 1, 10], [20, 0, 20]]
     ends = {"start": [-pull, 0, pull / 1.5], "end": [pull, 0, pull / 1.5]}
@@ -476,8 +476,9 @@ def test_a_tie_at_rest_whose_tails_are_taut_has_a_remark(pull: float, codes: set
     simulation = prepare(parse(table))
     ending = ended(simulation)
     (force,) = ending[1].locked
-    assert force > 0.18 if pull else force == pytest.approx(0.1, rel=FIRST_ORDER)
-    assert {each.code for each in simulation.remarks(ending)} & {"tie-tight", "tie-slack"} == codes
+    assert force == pytest.approx(0.1, rel=FIRST_ORDER)
+    assert ending[0].piercings[0].tension_before > (0.28 if pull else 0.095)
+    assert not {each.code for each in simulation.remarks(ending)} & {"tie-tight", "tie-slack"}
 
 
 @pytest.mark.parametrize(("until", "told"), [(None, True), (2.0, True), (0.5, False)])
