@@ -705,7 +705,7 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
     thread and contact hold is dragged. The equilibria between are no part of the way: all works and
     all friction are those of the way from the start of the load step to the last one. Raises
     `StepError`, also if a strand is then farther than its diameter from the place of its forces on
-    the surface.
+    the surface, or if the lips slid further than that since the last equilibrium.
     """
     out, lapse = [step], share * duration - step.old.time
     while (len(out) <= PAIRINGS and has_slid(system, out[-1], step.old)) or (
@@ -717,6 +717,10 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
     if off > system.thread.section.diameter:
         cause = f"a strand finds no place on the surface: it is {1e3 * off:.2g} mm from where its forces act"
         raise OutError(step.old.time, lapse, cause, "", share, "pull less, or take firmer tissue")
+    if len(out) > PAIRINGS and (way := slid(system, out[-1])) > system.thread.section.diameter:
+        cause = f"pressed surfaces slide to and fro on one another by {1e3 * way:.2g} mm"
+        remedy = "pull less, give the contact friction, or take firmer tissue"
+        raise EquilibriumError(step.old.time, lapse, cause, "", share, remedy)
     if is_dragged(system, out[-1]):
         cause = "a body of the organ that no clamp holds drifts on: neither thread nor contact stops it"
         remedy = "clamp it, stitch it, or let a contact stop it"
@@ -742,12 +746,17 @@ def has_slid(system: System[Body], step: Step[Body], origin: State[Body]) -> boo
     """Return whether the facing pairs after a step differ from those in it, of pressed lips, or of
     thread and organ.
     """
-    if misplaced(system, step.new, origin) > MISPLACED * system.thread.section.diameter:
-        return True
+    diameter = system.thread.section.diameter
+    return misplaced(system, step.new, origin) > MISPLACED * diameter or slid(system, step) > PAIRED * diameter
+
+
+def slid(system: System[Body], step: Step[Body]) -> float:
+    """Return how far pressed lips slid in a step, or how far tissue at finite strain opened them [m]."""
     seen = slice(2, 3) if step.solution.problem.answer.linear else slice(0, 3, 2)
     before, after = (system.organ.lips(state.organ) for state in (step.old, step.new))
-    way = max(np.abs(b - a).max(initial=0.0) for a, b in zip(before[seen], after[seen], strict=True))
-    return bool(way > PAIRED * system.thread.section.diameter and after[1].any())
+    if not after[1].any():
+        return 0.0
+    return max(float(np.abs(b - a).max(initial=0.0)) for a, b in zip(before[seen], after[seen], strict=True))
 
 
 def is_dragged(system: System[Body], step: Step[Body]) -> bool:

@@ -21,6 +21,7 @@ from coupling.paper.linear_step import linear_step
 from coupling.paper.staggered import staggered_step
 from coupling.paper.two_pass import two_pass
 from coupling.reports.audit import Energies, audit_step, initial_energies
+from coupling.rest import equilibrium
 from coupling.rest.equilibrium import settle, slides_back
 from coupling.run import begin
 from coupling.run.run import schedule_piercings
@@ -553,6 +554,14 @@ def test_a_body_that_nothing_comes_to_hold_is_said_to_drift(bodies: Path, drawn:
     simulation = prepare(load(bodies, AT_REST + drawn))
     with pytest.raises(EquilibriumError, match=r"that no clamp holds drifts on.*; clamp it"):
         simulation.next(simulation.beginning())
+
+
+def test_lips_whose_pairs_alternate_are_no_equilibrium(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check: lips that still slide by a diameter after the last pairing are said to, and are no result."""
+    monkeypatch.setattr(equilibrium, "slid", lambda system, step: 1.5 * system.thread.section.diameter)
+    system, state = scene("slit quasi-static P1")
+    with pytest.raises(EquilibriumError, match=r"slide to and fro on one another by .* mm.*friction"):
+        begin(system, state).load(1.0, 1.0)
 
 
 def test_surfaces_that_slide_to_and_fro_do_not_drift() -> None:

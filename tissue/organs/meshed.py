@@ -750,7 +750,7 @@ class Operator:
 
         def some_pairs(some: Indices) -> Array:
             weights = S[some]
-            rows = np.unique(weights.indices)
+            rows = np.unique(weights.indices).astype(np.intp)
             return np.asarray(S @ (self.C_rr.of(rows) @ weights[:, rows].toarray().T))
 
         return Columns(S.shape[0], some_pairs)
