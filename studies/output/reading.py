@@ -204,13 +204,6 @@ def topology_of(frame: FrameFiles) -> OrganTopology | None:
         return OrganTopology(np.asarray(organ.points, dtype=np.float64), np.asarray(cells, dtype=np.int64))
 
 
-def nodal(values: Array, cells: NDArray[np.int64], nodes: int) -> Array:
-    """Return values of cells `(cells,)`, averaged over the cells at each node, shape `(nodes,)`."""
-    flat = cells.ravel()
-    total = np.bincount(flat, np.repeat(values, cells.shape[1]), minlength=nodes)
-    return np.asarray(total / np.maximum(np.bincount(flat, minlength=nodes), 1))
-
-
 def pieces(thread: Any) -> list[NDArray[np.int64]]:
     """Return the numbers of the points of each piece of a thread, in order."""
     return [np.array(cell.point_ids, dtype=np.int64) for cell in thread.cell]

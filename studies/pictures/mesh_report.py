@@ -1,6 +1,5 @@
 """``suture mesh``: the organ's mesh as a file for ParaView, with its quality and a picture."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import meshio
@@ -13,7 +12,8 @@ from meshes.checks import volumes
 from meshes.quality import quality, radius_ratios, size_at
 from studies.arrays import MILLI, Array
 from studies.output.files import write_bytes
-from studies.pictures.picture import OF_MESHES, draw_scene
+from studies.pictures.picture import draw_scene
+from studies.pictures.scene import MeshScene
 from studies.scenario import Scenario, ScenarioError
 from studies.simulation.assembly import assemble
 from studies.simulation.meshing import organ_mesh, with_places
@@ -22,22 +22,6 @@ from studies.simulation.sharing import Shared
 Indices = NDArray[np.integer]
 
 NO_REGION, NO_CELL = 0, -1  # values of the array `region` in addition to the regions' numbers
-
-
-@dataclass(frozen=True)
-class MeshScene:
-    """A mesh for a picture.
-
-    It has points `(n, 3)` [m], and cells `(m, 4)` with the number of their region. `lips` are the
-    facets `(k, 3)` of the wound's lips, and `sites` the places of the piercings `(p, 3)` [m].
-    """
-
-    points: Array
-    cells: Indices
-    region: Indices
-    lips: Indices
-    sites: Array
-    title: str
 
 
 def write_report(scenario: Scenario, path: Path) -> list[str]:
@@ -56,7 +40,7 @@ def write_report(scenario: Scenario, path: Path) -> list[str]:
     paraview(mesh, None if fit is None else fit.indicators).write(scratch, file_format="vtu")
     write_bytes(path, scratch.read_bytes())
     scratch.unlink()
-    line, _ = draw_scene(scene_of(mesh, scenario), path.with_suffix(".png"), OF_MESHES)
+    line, _ = draw_scene(scene_of(mesh, scenario), path.with_suffix(".png"))
     return [*lines(mesh, scenario), *round_lines(fit), "", f"ParaView   {path}", f"picture    {line}"]
 
 

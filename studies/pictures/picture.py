@@ -1,4 +1,4 @@
-"""A picture of one frame: the deformed organ, the thread and its piercings.
+"""A picture of a mesh, or of one frame: the deformed organ, the thread and its piercings.
 
 It is three-dimensional by VTK if OpenGL works, else a section by matplotlib. Without OpenGL a
 renderer can end its process by a segmentation fault, even if its library is installed. So each
@@ -21,12 +21,11 @@ from studies.pictures.scene import FILM
 WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")  # off screen: by the driver, by software
 PATIENCE = 120.0  # s for the child, on a busy machine
 Modules = tuple[str, str]  # that draw in space and in a section
-OF_FRAMES = "studies.pictures.space", "studies.pictures.section"
-OF_MESHES = "studies.pictures.mesh_space", "studies.pictures.mesh_section"
+MODULES = "studies.pictures.space", "studies.pictures.section"
 VTK_PLACE = re.compile(r"^.*\b(?:WARN|ERR)\| ", re.MULTILINE)  # time and place at the start of a message
 
 
-def draw_scene(scene: object, path: Path | str, by: Modules = OF_FRAMES, patience: float = 1.0) -> tuple[str, str]:
+def draw_scene(scene: object, path: Path | str, by: Modules = MODULES, patience: float = 1.0) -> tuple[str, str]:
     """Draw a scene into a file by the first of two modules if OpenGL works, else by the second.
 
     Returns the line for a person, and the reason of a failure, empty if the picture was drawn.

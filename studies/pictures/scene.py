@@ -1,4 +1,4 @@
-"""A frame for a picture in a child process.
+"""A frame or a mesh for a picture in a child process.
 
 The process does not load the classes of a run, which would take half a second.
 """
@@ -6,6 +6,9 @@ The process does not load the classes of a run, which would take half a second.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from studies.arrays import Array
 from studies.output.fields import ThreadRecord
@@ -55,6 +58,22 @@ class Frame:
     piercings: tuple[Hole, ...]
     organ: Organ | None
     held: Array | None = None
+
+
+@dataclass(frozen=True)
+class MeshScene:
+    """A mesh for a picture.
+
+    It has points `(n, 3)` [m], and cells `(m, 4)` with the number of their region. `lips` are the
+    facets `(k, 3)` of the wound's lips, and `sites` the places of the piercings `(p, 3)` [m].
+    """
+
+    points: Array
+    cells: NDArray[np.integer]
+    region: NDArray[np.integer]
+    lips: NDArray[np.integer]
+    sites: Array
+    title: str
 
 
 def frame_of(snapshot: "Snapshot", held: Array | None = None, footprints: Sequence[float] = ()) -> Frame:

@@ -1,6 +1,5 @@
-"""The picture in a section, by matplotlib, without OpenGL."""
+"""The picture of a frame or a mesh in a section, by matplotlib, without OpenGL."""
 
-import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -18,7 +17,7 @@ from studies.figure import literal
 from studies.output.fields import OrganTopology
 from studies.pictures import view
 from studies.pictures.camera import along_arrows, label_places
-from studies.pictures.scene import Frame
+from studies.pictures.scene import Frame, MeshScene
 from studies.pictures.view import write_frames
 
 DPI = 150
@@ -145,12 +144,51 @@ def _section_y(frame: Frame, deformed: Array) -> float:
 
     The cut is near the piercings, inside the organ, and not through nodes of a regular mesh.
     """
-    low, high = deformed[:, 1].min(), deformed[:, 1].max()
-    middle = np.mean([hole.x[1] for hole in frame.piercings] or frame.thread.points[:, 1])
+    middle = float(np.mean([hole.x[1] for hole in frame.piercings] or frame.thread.points[:, 1]))
+    return beside_nodes(middle, deformed[:, 1].min(), deformed[:, 1].max())
+
+
+def beside_nodes(middle: float, low: float, high: float) -> float:
+    """Return the y near a middle [m] of a cut inside a body, and not through nodes of a regular mesh.
+
+    The body lies between `low` and `high` [m].
+    """
     hair = ASIDE * (high - low)
     return float(np.clip(middle + hair, low + hair, high - hair))
 
 
+# --- a mesh -----------------------------------------------------------------------------------------------
+
+
+def draw_mesh(scene: MeshScene, path: Path) -> None:
+    """Draw the cut y = const through the piercings [mm].
+
+    It is coloured by the mean edge length at each node.
+    """
+    figure = Figure(figsize=(view.SIZE[0] / DPI, view.SIZE[1] / DPI), layout="constrained")
+    axes = figure.add_subplot()
+    ends = scene.points[:, 1].min(), scene.points[:, 1].max()
+    y = beside_nodes(float(np.mean(scene.sites[:, 1] if len(scene.sites) else ends)), *ends)
+    points, triangles, size = cut(scene.points, np.asarray(scene.cells), _sizes(scene) / MILLI, y)
+    x, z = (points / MILLI).T
+    filled = axes.tripcolor(x, z, size, triangles=triangles, shading="gouraud", cmap=ListedColormap(view.colours()))
+    axes.triplot(x, z, triangles, color="#55453c", linewidth=0.4)
+    axes.plot(*(scene.sites[:, [0, 2]] / MILLI).T, "o", color=view.MARKER, markersize=8)
+    figure.colorbar(filled, ax=axes, label="edge length [mm]", shrink=0.8)
+    axes.set(aspect="equal", xlabel="x [mm]", ylabel="z [mm]")
+    axes.set_title(f"{literal(scene.title) or 'mesh'}, y = {y / MILLI:.3g} mm", fontsize=11)
+    figure.savefig(path, dpi=DPI)
+
+
+def _sizes(scene: MeshScene) -> Array:
+    """Return the mean length of the edges at each node [m].
+
+    Each edge is weighted by the number of its cells.
+    """
+    pairs = np.asarray(scene.cells, dtype=np.int64)[:, [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]].reshape(-1, 2)
+    length = np.linalg.norm(scene.points[pairs[:, 0]] - scene.points[pairs[:, 1]], axis=1)
+    return view.nodal(length, pairs, len(scene.points))
+
+
 if __name__ == "__main__":
-    frames, topology, title = view.read_scene(sys.argv[1])
-    draw_section(frames, topology, Path(sys.argv[2]), title)
+    view.draw_given(draw_section, draw_mesh)

@@ -1,9 +1,8 @@
-"""The picture in three dimensions, by pyvista.
+"""The picture of a frame or a mesh in three dimensions, by pyvista.
 
 It is drawn in a child process, because a renderer without OpenGL ends its process.
 """
 
-import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -18,7 +17,7 @@ from studies.arrays import KILO, Array
 from studies.output.fields import OrganTopology
 from studies.pictures import view
 from studies.pictures.camera import Camera, along_arrows, camera_on, label_places, scale_bar
-from studies.pictures.scene import Frame
+from studies.pictures.scene import Frame, MeshScene
 from studies.pictures.view import write_frames
 
 BLANK = 2.0  # standard deviation of the pixel values below which the picture is empty
@@ -30,6 +29,7 @@ LETTER = 0.56  # mean width of a letter over its height
 SHARP = 50.0  # degrees between two faces above which their edge is drawn
 CORNER = (0.0, 0.0, 0.12, 0.18)  # place of the axes in the picture: left, below, right, above
 BARS = (0.34, 0.04, 0.97, 0.165)  # place of the colour bars with their titles
+REGIONS = ("#f0d9c8", "#dc7356", "#8fb7c9", "#c9b458", "#8ea66f", "#9d7fb0")  # the first: no region
 
 
 @dataclass(frozen=True)
@@ -226,6 +226,54 @@ def _table(shades: Array, ends: Sequence[float]) -> Any:
     return pv.LookupTable(values=whole, scalar_range=tuple(ends))
 
 
+# --- a mesh -----------------------------------------------------------------------------------------------
+
+
+def draw_mesh(scene: MeshScene, path: Path) -> None:
+    """Draw the surface into a PNG file, next to a cut.
+
+    The cut shows the cells behind a plane through the piercings.
+    """
+    plotter: Any = pv.Plotter(off_screen=True, window_size=list(view.SIZE), shape=(1, 2), border=False)
+    plotter.set_background("white")
+    grid = pv.UnstructuredGrid({pv.CellType.TETRA: np.asarray(scene.cells)}, scene.points)
+    grid.cell_data["region"] = scene.region
+    centre = scene.sites.mean(axis=0) if len(scene.sites) else scene.points.mean(axis=0)
+    hair = 1e-4 * float(np.ptp(scene.points[:, 1]))
+    beyond = grid.clip(normal="-y", origin=centre + np.array([0.0, hair, 0.0]), crinkle=True)
+    for column, part in enumerate((grid, beyond)):
+        plotter.subplot(0, column)
+        _add_mesh_cells(plotter, part)
+        _add_mesh_marks(plotter, scene)
+        plotter.view_vector((0.45, -0.8, 0.75) if column == 0 else (0.15, -0.9, 0.45), viewup=(0.0, 0.0, 1.0))
+        plotter.enable_anti_aliasing("ssaa")
+    plotter.subplot(0, 0)
+    plotter.add_text(scene.title or "mesh", position="upper_left", font_size=14, color="black")
+    write_picture(plotter, path)
+
+
+def _add_mesh_cells(plotter: Any, part: Any) -> None:
+    """Add the surface of a part, coloured by region."""
+    skin = part.extract_surface(algorithm="dataset_surface")
+    number = np.asarray(skin.cell_data["region"]) % len(REGIONS)
+    skin.cell_data["colour"] = np.array([pv.Color(colour).int_rgb for colour in REGIONS], dtype=np.uint8)[number]
+    plotter.add_mesh(
+        skin, scalars="colour", rgb=True, show_edges=True, edge_color="#55453c", line_width=1, ambient=0.35, diffuse=0.6
+    )
+
+
+def _add_mesh_marks(plotter: Any, scene: MeshScene) -> None:
+    """Add the wound's edge and the piercings."""
+    if len(scene.lips):
+        lips = pv.PolyData.from_regular_faces(scene.points, scene.lips)
+        rim = lips.extract_feature_edges(
+            boundary_edges=True, feature_edges=False, manifold_edges=False, non_manifold_edges=False
+        )
+        plotter.add_mesh(rim, color=view.THREAD, line_width=5)
+    size = float(np.linalg.norm(np.ptp(scene.points, axis=0)))
+    for site in scene.sites:
+        plotter.add_mesh(pv.Sphere(radius=0.008 * size, center=site), color=view.MARKER)
+
+
 if __name__ == "__main__":
-    frames, topology, title = view.read_scene(sys.argv[1])
-    draw_space(frames, topology, Path(sys.argv[2]), title)
+    view.draw_given(draw_space, draw_mesh)

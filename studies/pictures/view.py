@@ -1,10 +1,10 @@
-"""Common parts of the pictures of a frame: the visible region, colours, labels."""
+"""Common parts of the pictures of a frame or a mesh: the visible region, colours, labels."""
 
 import pickle
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from PIL import Image
 
 from studies.arrays import KILO, Array
 from studies.output.fields import OrganTopology
-from studies.pictures.scene import FILM, Frame
+from studies.pictures.scene import FILM, Frame, MeshScene
 
 Indices = NDArray[np.int64]
 
@@ -31,12 +31,25 @@ TICKS = 4  # largest number of labels at a colour bar
 ROUND = np.array([1.0, 2.0, 5.0])  # possible steps between two labels, within a decade
 
 
-def read_scene(path: str) -> Any:
-    """Return the scene that ``draw_scene`` wrote for a child process.
+def draw_given(draw: Callable[..., None], draw_mesh: Callable[[MeshScene, Path], None]) -> None:
+    """Draw the scene that ``draw_scene`` wrote for this child process.
 
-    It is frames for one file, the organ's mesh and a title, or a `MeshScene`.
+    Its arguments are the file of the scene and the path of the picture. A scene is a `MeshScene`, or frames for one
+    file with the organ's mesh and a title.
     """
-    return pickle.loads(Path(path).read_bytes())
+    scene, path = pickle.loads(Path(sys.argv[1]).read_bytes()), Path(sys.argv[2])
+    if isinstance(scene, MeshScene):
+        draw_mesh(scene, path)
+    else:
+        frames, topology, title = scene
+        draw(frames, topology, path, title)
+
+
+def nodal(values: Array, cells: Indices, nodes: int) -> Array:
+    """Return values of cells `(cells,)`, averaged over the cells at each node, shape `(nodes,)`."""
+    flat = cells.ravel()
+    total = np.bincount(flat, np.repeat(values, cells.shape[1]), minlength=nodes)
+    return np.asarray(total / np.maximum(np.bincount(flat, minlength=nodes), 1))
 
 
 def surface(topology: OrganTopology) -> Indices:

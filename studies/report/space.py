@@ -16,7 +16,7 @@ from studies.arrays import Array
 from studies.output import reading
 from studies.output.columns import STATE_CODES, UNITS
 from studies.output.fields import OrganTopology
-from studies.pictures.view import Indices, surface
+from studies.pictures.view import Indices, nodal, surface
 from studies.report.charts import SHOWN, plain
 
 BYTES = 9e6  # bytes of the page for the views of all its runs; in base64 4/3 of this
@@ -117,7 +117,7 @@ def field_values(organ: Any, cells: Indices) -> dict[str, Array]:
     data, cell_data = reading.arrays_of(organ.point_data), reading.arrays_of(organ.cell_data)
     out = {name: values for name, values in data.items() if values.ndim == 1}
     scalars = {name: values for name, values in cell_data.items() if values.ndim == 1}
-    out |= {name: reading.nodal(values, cells, organ.n_points) for name, values in scalars.items()}
+    out |= {name: nodal(values, cells, organ.n_points) for name, values in scalars.items()}
     out["displacement"] = np.linalg.norm(data["displacement"], axis=1)
     if "stress" in data:
         out |= {f"stress_{part}": data["stress"][:, k] for k, part in enumerate(STRESSES)}

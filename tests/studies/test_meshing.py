@@ -15,7 +15,7 @@ from meshes.errors import MeshError
 from meshes.gmsh_session import session
 from studies.command import command
 from studies.pictures.mesh_report import scene_of
-from studies.pictures.mesh_section import draw_section
+from studies.pictures.section import draw_mesh
 from studies.scenario import Scenario, ScenarioError, load, parse
 from studies.simulation import meshing, prepare
 from studies.simulation.meshing import material_of, organ_mesh
@@ -344,7 +344,7 @@ def test_without_opengl_the_mesh_is_drawn_in_a_section(tmp_path: Path) -> None:
     """The plane lies beside the nodes of a regular mesh, and in the body where there are no piercings."""
     for holes in ((ENTRY, EXIT), ()):
         case = scenario(SLIT, holes)
-        draw_section(scene_of(organ_mesh(case), case), tmp_path / "section.png")
+        draw_mesh(scene_of(organ_mesh(case), case), tmp_path / "section.png")
         assert (tmp_path / "section.png").stat().st_size > 10_000
 
 
