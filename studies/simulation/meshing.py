@@ -15,7 +15,7 @@ import skfem
 from numpy.typing import NDArray
 
 import tissue
-from meshes.block import NO_PLANES, Planes, extent, graded_block_gmsh, graded_block_structured, structured_tets
+from meshes.block import Planes, extent, graded_block_gmsh, graded_block_structured, structured_tets
 from meshes.budget import budget, expected_tets
 from meshes.checks import parts
 from meshes.cylinder import cylinder, stumps, tube
@@ -42,6 +42,8 @@ log = logging.getLogger(__name__)
 Cells = NDArray[np.integer]
 Holes = tuple[model.Piercing, ...]
 SitesOn = Callable[[skfem.MeshTet], Sequence[tissue.Site]]
+Make = Callable[[Gradings, Array], skfem.MeshTet]
+Generated = model.BlockMesh | model.WoundMesh | model.CylinderMesh | model.TubeMesh | model.FileMesh
 
 SHARP = 45.0  # degrees between facets above which their common edge belongs to the organ and not only to the mesh
 ON_EDGE = 1e-9  # of the organ's diagonal: a hole this near to an edge is on the edge
@@ -49,9 +51,13 @@ ON_EDGE = 1e-9  # of the organ's diagonal: a hole this near to an edge is on the
 
 @dataclass(frozen=True)
 class Body:
-    """The shape of a mesh before it is generated: volume [m³], extent, and nearest points."""
+    """The shape of a mesh before it is generated: volume [m³], extent, and nearest points.
+
+    `make` returns its mesh from gradings and their places (k, 3) [m].
+    """
 
     volume: float
+    make: Make
     inside: Callable[[Array], NDArray[np.bool_]]
     nearest: Callable[[Array], Array]
 
@@ -108,25 +114,17 @@ def mesh_of(table: model.Tissue, holes: Sequence[model.Piercing], around: Sequen
     shape, planes = table.mesh, planes_of(table)
     if isinstance(shape, model.GivenMesh):
         raise refused("tissue.mesh.kind", shape.kind, "mesh-given")
-    if isinstance(shape, model.FileMesh):
-        return _from_file(table, shape, holes)
-    body = body_of(shape)
+    if isinstance(shape, model.FileMesh) and not shape.is_surface:
+        return _from_file(shape, table.element)
+    body = body_of(shape, planes)
     grading, sites = sizes_of(table, holes, around, body)
     check_memory(table, grading, sites, body, planes)
-    match shape:
-        case model.CylinderMesh():
-            return cylinder(shape.radius, shape.length, grading, sites)
-        case model.TubeMesh(gap=None):
-            return tube(shape.radius, shape.wall, shape.length, grading, sites)
-        case model.TubeMesh():
-            assert shape.gap is not None
-            return stumps(shape.radius, shape.wall, shape.length, shape.gap, grading, sites)
-        case model.WoundMesh():
-            check_clear(shape, holes)
-    return _block(shape, grading, sites, planes)
+    if isinstance(shape, model.WoundMesh):
+        check_clear(shape, holes)
+    return body.make(grading, sites)
 
 
-def _block(shape: model.BlockMesh | model.WoundMesh, grading: Gradings, sites: Array, planes: Planes) -> skfem.MeshTet:
+def _block(shape: model.BlockMesh | model.WoundMesh, planes: Planes, grading: Gradings, sites: Array) -> skfem.MeshTet:
     """Return the mesh of a block or of a block with a wound."""
     structured = isinstance(grading, Grading) and shape.generator == "structured"
     if isinstance(shape, model.WoundMesh):
@@ -136,21 +134,14 @@ def _block(shape: model.BlockMesh | model.WoundMesh, grading: Gradings, sites: A
     return graded(shape.size, grading, sites, planes)
 
 
-def _from_file(table: model.Tissue, shape: model.FileMesh, holes: Sequence[model.Piercing]) -> skfem.MeshTet:
-    """Return the tetrahedra of a file, or a closed surface filled."""
-    unit = metres_per_unit(shape.unit)
-    if not shape.is_surface:
-        unknown, allowed = not shape.path.lower().endswith(ENDINGS), ", ".join((*ENDINGS, *SURFACES))
-        refuse(unknown, "tissue.mesh.path", shape.path, "mesh-ending", endings=allowed)
-        mesh = read(shape.path, unit)
-        if size := too_large(mesh.nelements, table.element):
-            raise refused("tissue.mesh.path", shape.path, "file-large", size=size)
-        return mesh
-    skin = read_surface(shape.path, unit)
-    body = _box(skin.points.min(axis=0), skin.points.max(axis=0), skin.volume)
-    grading, sites = grading_of(table, holes), body.nearest(places(holes))
-    check_memory(table, grading, sites, body, NO_PLANES)
-    return fill(skin, grading, sites)
+def _from_file(shape: model.FileMesh, element: str) -> skfem.MeshTet:
+    """Return the tetrahedra of a file."""
+    unknown, allowed = not shape.path.lower().endswith(ENDINGS), ", ".join((*ENDINGS, *SURFACES))
+    refuse(unknown, "tissue.mesh.path", shape.path, "mesh-ending", endings=allowed)
+    mesh = read(shape.path, metres_per_unit(shape.unit))
+    if size := too_large(mesh.nelements, element):
+        raise refused("tissue.mesh.path", shape.path, "file-large", size=size)
+    return mesh
 
 
 def report(fault: str | None) -> None:
@@ -218,25 +209,31 @@ def planes_of(table: model.Tissue) -> Planes:
     return x, y, z + layers
 
 
-def body_of(shape: model.BlockMesh | model.WoundMesh | model.CylinderMesh | model.TubeMesh) -> Body:
-    """Return the shape of a mesh before it is generated."""
+def body_of(shape: Generated, planes: Planes) -> Body:
+    """Return the shape of a mesh before it is generated; the facets of a block keep to `planes`."""
     match shape:
         case model.CylinderMesh():
-            return _round(0.0, shape.radius, shape.length)
+            return _round(partial(cylinder, shape.radius, shape.length), 0.0, shape.radius, shape.length)
         case model.TubeMesh():
-            return _round(shape.radius - shape.wall, shape.radius, shape.length, shape.gap or 0.0)
-    return _box(*extent(shape.size), float(np.prod(shape.size)))
+            sizes, inner = (shape.radius, shape.wall, shape.length), shape.radius - shape.wall
+            make = partial(tube, *sizes) if shape.gap is None else partial(stumps, *sizes, shape.gap)
+            return _round(make, inner, shape.radius, shape.length, shape.gap or 0.0)
+        case model.FileMesh():
+            skin = read_surface(shape.path, metres_per_unit(shape.unit))
+            return _box(partial(fill, skin), skin.points.min(axis=0), skin.points.max(axis=0), skin.volume)
+    return _box(partial(_block, shape, planes), *extent(shape.size), float(np.prod(shape.size)))
 
 
-def _box(lower: Array, upper: Array, volume: float) -> Body:
+def _box(make: Make, lower: Array, upper: Array, volume: float) -> Body:
     return Body(
         volume,
+        make,
         lambda points: np.asarray(((points >= lower) & (points <= upper)).all(axis=1)),
         lambda points: np.clip(points, lower, upper),
     )
 
 
-def _round(inner: float, radius: float, length: float, gap: float = 0.0) -> Body:
+def _round(make: Make, inner: float, radius: float, length: float, gap: float = 0.0) -> Body:
     """Return a bar or a tube along x, or its two stumps with a `gap` between them."""
 
     def inside(points: Array) -> NDArray[np.bool_]:
@@ -249,7 +246,7 @@ def _round(inner: float, radius: float, length: float, gap: float = 0.0) -> Body
         x = np.copysign(np.clip(np.abs(points[:, 0]), gap / 2, length / 2), points[:, 0])
         return np.column_stack([x, share * points[:, 1], share * points[:, 2]])
 
-    return Body(np.pi * (radius**2 - inner**2) * (length - gap), inside, nearest)
+    return Body(np.pi * (radius**2 - inner**2) * (length - gap), make, inside, nearest)
 
 
 def check_memory(table: model.Tissue, grading: Gradings, sites: Array, body: Body, planes: Planes) -> None:

@@ -254,7 +254,7 @@ def test_a_mesh_too_large_for_the_memory_is_refused_before_it_is_made(
     """With the estimate, the memory and the remedy; nothing is meshed."""
     monkeypatch.setattr(meshing.psutil, "virtual_memory", lambda: SimpleNamespace(available=1.5e6))
     for maker in ("graded_block_structured", "graded_block_gmsh", "wounded_block_gmsh", "cylinder", "tube"):
-        monkeypatch.setattr(meshing, maker, None)
+        monkeypatch.setattr(meshing, maker, lambda *given: pytest.fail("it was meshed"))
     message = refusal(lambda: scenario(table, (ENTRY,)))
     key = "h_site" if "h_site" in table else "h"
     assert f"tissue.mesh.{key} = " in message and "tetrahedra" in message and "unknowns (P1)" in message
