@@ -4,6 +4,7 @@ The process of a picture reads these classes without the solver's libraries.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ class ThreadRecord:
     torque: Array | None = None  # (m,) about the tangent, right-handed [N m]; None without twist
     bearing: Array | None = None  # (m, 3) of tracts on the thread [N/m], zero elsewhere; None without tracts
 
-    def split(self, values: Array) -> list[Array]:
+    def split(self, values: Array | NDArray[np.int64]) -> list[Any]:
         """Return values of the samples, (m, …), piece by piece."""
         return np.split(values, np.cumsum(self.pieces[:-1], dtype=np.int64))
 

@@ -204,11 +204,6 @@ def topology_of(frame: FrameFiles) -> OrganTopology | None:
         return OrganTopology(np.asarray(organ.points, dtype=np.float64), np.asarray(cells, dtype=np.int64))
 
 
-def pieces(thread: Any) -> list[NDArray[np.int64]]:
-    """Return the numbers of the points of each piece of a thread, in order."""
-    return [np.array(cell.point_ids, dtype=np.int64) for cell in thread.cell]
-
-
 WHOLE = {column.name for layout in TABLES for column in layout.columns if column.kind == "whole"}
 
 

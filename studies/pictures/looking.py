@@ -88,17 +88,27 @@ def read_frame(files: reading.FrameFiles, names: Sequence[str]) -> Frame:
     Raises `ResultsError` like `FrameFiles.read`.
     """
     with reading.refused_if_torn(f"the frame at {files.time:g} s"):
-        thread, holes, organ = (files.read(part) for part in ("thread", "piercings", "organ"))
-        data, lengths = reading.arrays_of(thread.point_data), tuple(len(piece) for piece in reading.pieces(thread))
-        record = ThreadRecord(
-            np.asarray(thread.points, dtype=np.float64), data["s"], data["tension"], data["curvature"],
-            float(data["radius"][0]), lengths if len(lengths) > 1 else (), data.get("torque"),
-        )  # fmt: skip
-        at = {} if holes is None else reading.arrays_of(dict(holes.point_data.items()) | {"x": holes.points})
-        marks = [
-            Hole(name, float(at["s"][k]), at["x"][k], at["force"][k], STATES[int(at["state"][k])])
-            for k, name in enumerate(names if at else ())
-        ]
+        organ = files.read("organ")
         nodes = None if organ is None else reading.arrays_of(organ.point_data)
         moved = None if nodes is None else Organ(nodes["displacement"], nodes["von_mises"])
-        return Frame(files.time, record, tuple(marks), moved)
+        return Frame(files.time, read_thread(files), read_holes(files, names), moved)
+
+
+def read_thread(files: reading.FrameFiles) -> ThreadRecord:
+    """Return the recorded thread of a frame."""
+    thread = files.read("thread")
+    data, lengths = reading.arrays_of(thread.point_data), tuple(cell.n_points for cell in thread.cell)
+    return ThreadRecord(
+        np.asarray(thread.points, dtype=np.float64), data["s"], data["tension"], data["curvature"],
+        float(data["radius"][0]), lengths if len(lengths) > 1 else (), data.get("torque"),
+    )  # fmt: skip
+
+
+def read_holes(files: reading.FrameFiles, names: Sequence[str]) -> tuple[Hole, ...]:
+    """Return the recorded piercings of a frame, empty without piercings."""
+    holes = files.read("piercings")
+    at = {} if holes is None else reading.arrays_of(dict(holes.point_data.items()) | {"x": holes.points})
+    return tuple(
+        Hole(name, float(at["s"][k]), at["x"][k], at["force"][k], STATES[int(at["state"][k])])
+        for k, name in enumerate(names if at else ())
+    )

@@ -14,9 +14,11 @@ import numpy as np
 
 from studies.arrays import Array
 from studies.output import reading
-from studies.output.columns import STATE_CODES, UNITS
-from studies.output.fields import OrganTopology
-from studies.pictures.view import Indices, nodal, surface
+from studies.output.columns import UNITS
+from studies.output.fields import OrganTopology, ThreadRecord
+from studies.pictures.looking import read_holes, read_thread
+from studies.pictures.scene import Hole
+from studies.pictures.view import LEFT, Indices, nodal, surface
 from studies.report.charts import SHOWN, plain
 
 BYTES = 9e6  # bytes of the page for the views of all its runs; in base64 4/3 of this
@@ -41,8 +43,8 @@ def view_record(run: reading.OpenRun, name: str, budget: float = BYTES) -> dict[
         record: dict[str, Any] = {
             "name": name,
             "times": plain(np.array([frame.time for frame in frames])),
-            "thread": [thread_record(frame.read("thread")) for frame in frames],
-            "holes": [holes_record(frame, run.piercings) for frame in frames],
+            "thread": [thread_record(read_thread(frame)) for frame in frames],
+            "holes": [holes_record(read_holes(frame, run.piercings)) for frame in frames],
             "piercings": run.piercings,
         }
         if any("organ" in frame.parts for frame in frames):
@@ -145,35 +147,25 @@ def field_record(name: str, values: Array) -> dict[str, Any]:
     }
 
 
-def thread_record(thread: Any) -> dict[str, Any]:
+def thread_record(thread: ThreadRecord) -> dict[str, Any]:
     """Return the thread of one frame: places in mm and tension, with a gap between its pieces."""
-    points, tension = np.asarray(thread.points, dtype=np.float64), np.asarray(thread.point_data["tension"])
-    s = np.asarray(thread.point_data["s"], dtype=np.float64)
-    chain: list[int] = []
-    for piece in reading.pieces(thread):
-        step = max(1, -(-len(points) // THREAD_POINTS))
+    count, chain = len(thread.points), list[int]()
+    for piece in thread.split(np.arange(count)):
+        step = max(1, -(-count // THREAD_POINTS))
         chain += [*piece[:-1:step].tolist(), int(piece[-1]), -1]
     held = np.array(chain[:-1], dtype=np.int64)
-    gap = held < 0
-    columns = {axis: 1e3 * points[held, k] for k, axis in enumerate("xyz")}
-    columns |= {"tension": tension[held].astype(np.float64), "s": 1e3 * s[held]}
-    return {name: plain(np.where(gap, np.nan, values)) for name, values in columns.items()}
+    columns = {axis: 1e3 * thread.points[held, k] for k, axis in enumerate("xyz")}
+    columns |= {"tension": thread.tension[held], "s": 1e3 * thread.s[held]}
+    return {name: plain(np.where(held < 0, np.nan, values)) for name, values in columns.items()}
 
 
-def holes_record(frame: reading.FrameFiles, names: Sequence[str]) -> list[dict[str, Any]]:
+def holes_record(holes: Sequence[Hole]) -> list[dict[str, Any]]:
     """Return the piercings of one frame that contain the thread.
 
     Each has its name, its place [mm] and its force [N].
     """
-    holes = frame.read("piercings")
-    if holes is None:
-        return []
-    data = holes.point_data
-    return [
-        {"name": name, "x": plain(1e3 * np.asarray(x, dtype=np.float64)), "force": plain(np.asarray(force))}
-        for name, x, force, state in zip(names, holes.points, data["force"], data["state"], strict=True)
-        if state != STATE_CODES["left"]
-    ]
+    there = (hole for hole in holes if hole.state != LEFT)
+    return [{"name": hole.name, "x": plain(1e3 * hole.x), "force": plain(hole.force)} for hole in there]
 
 
 def packed(values: Array | Indices, kind: Any) -> str:
