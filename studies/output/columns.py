@@ -188,10 +188,7 @@ AT_STEP = of_pair(0, TIME)
 
 
 def listed(
-    name: str,
-    columns: Iterable[Column[Any]],
-    items: Callable[[StepRecord], Iterable[Any]],
-    time: Column[Any] = AT_STEP,
+    name: str, columns: Iterable[Column[Any]], items: Callable[[StepRecord], Iterable[Any]], time: Column[Any] = AT_STEP
 ) -> Layout[tuple[StepRecord, Any]]:
     """Return the layout of a table with a row for each item of a step."""
     whole = (time, of_pair(0, STEP), *(of_pair(1, column) for column in columns))

@@ -41,8 +41,4 @@ def _check_shares(series: tuple[tuple[float, float], ...]) -> tuple[tuple[float,
     return series
 
 
-Series = Annotated[
-    tuple[tuple[Positive, Positive], ...],
-    AfterValidator(_check_shares),
-    one_sentence("allowed-series"),
-]
+Series = Annotated[tuple[tuple[Positive, Positive], ...], AfterValidator(_check_shares), one_sentence("allowed-series")]

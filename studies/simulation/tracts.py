@@ -116,16 +116,7 @@ def balls_of(tract: Tract, path: LaidPath, deep: Array, radius: float) -> list[t
     friction = tract.friction and tract.friction.shared(len(balls))
     same: dict[str, Any] = {"footprint": radius, "friction": friction, "tract": tract.name}
     return [
-        (
-            at,
-            Ball(
-                name=f"{tract.name}.{k}",
-                at=tuple(path.position(at).tolist()),
-                length=length,
-                part=part,
-                **same,
-            ),
-        )
+        (at, Ball(name=f"{tract.name}.{k}", at=tuple(path.position(at).tolist()), length=length, part=part, **same))
         for k, (at, length, part) in enumerate(balls, start=1)
     ]
 
