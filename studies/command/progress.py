@@ -41,10 +41,7 @@ class Progress:
         if self._quiet or seconds == 0.0 or not self._is_due(step):  # 0: the start of a run or of its continuation
             return
         self._drawn = monotonic()
-        try:
-            self._draw(step, time, newton_iterations, seconds)
-        except BrokenPipeError:  # nobody reads the output; the run continues
-            self._quiet = True
+        self._draw(step, time, newton_iterations, seconds)
 
     def begin_anew(self) -> None:
         """Restart the measurement of the pace at the next step, to exclude a wait."""
@@ -56,16 +53,14 @@ class Progress:
             width = max(0, min(WIDTH, TERMINAL - len(text) - len("[] ")))
             done = round(width * step / self._steps)
             bar = f"[{'#' * done}{'.' * (width - done)}] " if width else ""
-            self._stream.write(f"\r\x1b[K{(bar + text)[:TERMINAL]}")
+            write(self._stream, f"\r\x1b[K{(bar + text)[:TERMINAL]}")
         else:
-            self._stream.write(f"{100 * step // self._steps:3d} %  {text}\n")
-        self._stream.flush()
+            write(self._stream, f"{100 * step // self._steps:3d} %  {text}\n")
 
     def close(self) -> None:
         """End the line of the bar."""
         if self._is_terminal and not self._quiet:
-            self._stream.write("\n")
-            self._stream.flush()
+            write(self._stream, "\n")
 
     def _is_due(self, step: int) -> bool:
         if self._is_terminal:
@@ -112,7 +107,7 @@ class Stages(logging.Handler):
         self._stop()
         self._told = text
         stays = over or not self._is_terminal
-        self._write((f"\r\x1b[K{text[:TERMINAL]}" if self._is_terminal else text) + "\n" * stays)
+        write(self._stream, (f"\r\x1b[K{text[:TERMINAL]}" if self._is_terminal else text) + "\n" * stays)
         if not stays:
             self._stopped.clear()
             self._clock = threading.Thread(target=self._show_time, args=(text,), daemon=True)
@@ -122,7 +117,7 @@ class Stages(logging.Handler):
         """Remove the overwritten line."""
         self._stop()
         if self._is_terminal and self._told:
-            self._write("\r\x1b[K")
+            write(self._stream, "\r\x1b[K")
         self._told = ""
         super().close()
 
@@ -131,18 +126,20 @@ class Stages(logging.Handler):
         start = monotonic()
         while not self._stopped.wait(self._every):
             end = f", {duration(monotonic() - start)}"
-            self._write(f"\r\x1b[K{text[: TERMINAL - len(end)]}{end}")
-
-    def _write(self, text: str) -> None:
-        with suppress(BrokenPipeError):  # nobody reads the output; the work continues
-            self._stream.write(text)
-            self._stream.flush()
+            write(self._stream, f"\r\x1b[K{text[: TERMINAL - len(end)]}{end}")
 
     def _stop(self) -> None:
         if self._clock is not None:
             self._stopped.set()
             self._clock.join()
         self._clock = None
+
+
+def write(stream: TextIO, text: str) -> None:
+    """Write a text at once."""
+    with suppress(BrokenPipeError):  # nobody reads the output; the work continues
+        stream.write(text)
+        stream.flush()
 
 
 @contextmanager

@@ -119,19 +119,11 @@ def teller(quiet: bool = False) -> Tell:
 
 def run_refinement(options: argparse.Namespace) -> int:
     """``suture refine``: write the convergence of numbers of a scenario in words."""
+    asked = {key: getattr(options, key) for key in ("quantity", "over", "levels", "ratio", "adaptive")}
     try:
         with stages(options.json, LOOP_LOGGERS):
-            found = refine(
-                read(options.file, options.set),
-                options.quantity,
-                options.out,
-                options.over,
-                options.levels,
-                options.ratio,
-                workers_of(options.jobs, options.dask),
-                teller(options.json),
-                options.adaptive,
-            )
+            where = {"folder": options.out, "workers": workers_of(options.jobs, options.dask)}
+            found = refine(read(options.file, options.set), **asked, **where, tell=teller(options.json))
     except KeyboardInterrupt:
         return complain("interrupted; the same command continues", INTERRUPTED)
     if options.json:
