@@ -37,7 +37,7 @@ from studies.lists import study_list
 from studies.output.files import comma_separated, read_json, unfinished, write_json, write_text
 from studies.output.lock import locked, refuse_foreign_files, refused
 from studies.output.provenance import provenance
-from studies.scenario import Scenario, as_toml, changed, nearest, parse, read, refusal
+from studies.scenario import Scenario, as_toml, changed, hint_at, parse, read, refusal
 from studies.workers import Workers, in_order
 
 if TYPE_CHECKING:
@@ -216,9 +216,7 @@ def outcome_of(job: Job) -> list[Any] | Exception:
 def study(name: str) -> Study:
     """Return the study of this name. Raises `StudyError`."""
     if name not in NAMES:
-        suggestion = nearest(name, NAMES)
-        hint = f"; the nearest is {suggestion}" if suggestion else ""
-        raise StudyError(refusal("study", name, f"the studies are {', '.join(NAMES)}{hint}"))
+        raise StudyError(refusal("study", name, f"the studies are {', '.join(NAMES)}{hint_at(name, NAMES)}"))
     module, texts = import_module(f"studies.{name}.study"), study_list(name)
     described = {key: texts[key] for key in ("question", "independent", "consistency", "quick")}
     functions = {part: getattr(module, part) for part in ("main", "table", "figure", "remarks")}
@@ -238,8 +236,7 @@ def arguments(found: Study, preset: str, settings: Sequence[str] = ()) -> dict[s
     for setting in settings:
         name, equals, text = setting.partition("=")
         if name not in kinds or not equals:
-            suggestion = nearest(name, kinds)
-            hint = f"; the nearest is {suggestion}" if suggestion and suggestion != name else ""
+            hint = "" if name in kinds else hint_at(name, kinds)
             raise StudyError(f"--set {setting} is refused: write NAME=VALUE with a name of {', '.join(kinds)}{hint}")
         given[name] = convert(setting, kinds[name], value_of(text))
     return given

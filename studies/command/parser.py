@@ -65,10 +65,9 @@ def read(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     parser = parser_for(given)
     asked = next((word for word in given if not word.startswith("-")), None)
     if asked is not None and asked not in TABLE:
-        from studies.scenario.refusal import nearest
+        from studies.scenario.refusal import hint_at
 
-        suggestion = nearest(asked, TABLE)
-        hint = f"the nearest is {suggestion}; " if suggestion else ""
+        hint = hint_at(asked, TABLE, "the nearest is {}; ")
         parser.error(f"{asked} is refused: there is no such command; {hint}there are {', '.join(TABLE)}")
     options = parser.parse_args(given)
     options.words = list(given)

@@ -26,7 +26,7 @@ from studies.output.fields import OrganTopology
 from studies.output.files import read_json
 from studies.output.manifest import MARK, SCENARIO, holds_run
 from studies.output.series import is_whole, named_files, part_of, step_of
-from studies.scenario import Scenario, load, nearest
+from studies.scenario import Scenario, hint_at, load
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -294,8 +294,7 @@ class OpenRun:
         Raises `ResultsError` if there is no table of this name, and `ImportError` without pandas.
         """
         if name not in self.tables:
-            suggestion = nearest(str(name), self.tables)
-            hint = f"; the nearest is {suggestion}" if suggestion else ""
+            hint = hint_at(str(name), self.tables)
             raise ResultsError(f"table {name} is not in {self.folder}: there are {', '.join(self.tables)}{hint}")
         try:
             import pandas as pd

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from studies.scenario.course import Timed
-from studies.scenario.refusal import as_key, as_toml, because, nearest, refusal
+from studies.scenario.refusal import as_key, as_toml, because, hint_at, refusal
 from studies.scenario.table import ScenarioTable, repetition
 from studies.scenario.values import Flag, NotNegative, Number, Positive, Series, Text, Vector, one_sentence
 
@@ -387,8 +387,8 @@ def unknown_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str) -> 
 
 def no_boundary(name: str, boundaries: Sequence[str]) -> str:
     """Return the sentence that a boundary does not exist, with the names of all boundaries."""
-    match = nearest(name, boundaries)
-    hint = f'; the nearest is "{match}"' if match else "; add it as [[tissue.boundary]], or name it in the mesh"
+    otherwise = "; add it as [[tissue.boundary]], or name it in the mesh"
+    hint = hint_at(name, boundaries, '; the nearest is "{}"') or otherwise
     there = ", ".join(boundaries) or "none"
     return f"there is no such boundary; the boundaries are {there}{hint}"
 

@@ -188,9 +188,8 @@ def check_tracts(tracts: Sequence[Tract], holes: Sequence[Piercing], in_organ: b
         refuse(not in_organ, key, value, "tract-organ")
         refuse(scheme == "linear", key, value, "tract-linear")
         for name in value:
-            if name not in names:
-                known = ", ".join(map(repr, names)) or "none"
-                raise refused(key, value, "tract-unknown", name=name, known=known)
+            known = ", ".join(map(repr, names)) or "none"
+            refuse(name not in names, key, value, "tract-unknown", name=name, known=known)
         refuse(any(value == other.between for other in tracts[:k]), key, value, "tract-twice")
         (one, other), (first, last) = value, map(names.index, value)
         if last != first + 1:
@@ -242,9 +241,8 @@ def check_ties(ties: Sequence[Tie], holes: Sequence[Piercing]) -> None:
                 match = nearest(name, known)
                 hint = f", did you mean {as_toml(match)}" if match else ""
                 raise refused(key, tie.between, "tie-unknown", name=as_toml(name), hint=hint)
-        if pairs[k] in pairs[:k]:
-            other = ties[pairs.index(pairs[k])].name
-            raise refused(key, tie.between, "tie-twice", other=as_toml(other))
+        other = ties[pairs.index(pairs[k])].name
+        refuse(pairs[k] in pairs[:k], key, tie.between, "tie-twice", other=as_toml(other))
         for hole in map(known.__getitem__, tie.between):
             if not hole.from_ <= (0.0 if tie.held else tie.from_) <= tie.from_ < (hole.until or inf):
                 raise refused(("tie", tie.name, "from"), tie.from_, "tie-early", name=as_toml(hole.name))

@@ -75,6 +75,12 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
     return matches[0] if matches else None
 
 
+def hint_at(word: str, known: Iterable[str], form: str = "; the nearest is {}") -> str:
+    """Return a hint at the known word most similar to ``word``, empty without one."""
+    found = nearest(word, known)
+    return form.format(found) if found else ""
+
+
 def sentences(error: ValidationError, model: type[BaseModel], data: object) -> list[str]:
     """Return one sentence for each fault that pydantic found in ``data`` for ``model``."""
     details = error.errors(include_url=False)[:MOST_DETAILS]
@@ -132,8 +138,7 @@ def _sentence(detail: ErrorDetails, model: type[BaseModel], data: object) -> str
             return f"{place.key}.kind is missing: allowed are {_tags(place.kind)}"
         case "union_tag_invalid":
             tag = detail["ctx"]["tag"]
-            match = nearest(tag, _models(place.kind))
-            hint = f'; the nearest is "{match}"' if match else ""
+            hint = hint_at(tag, _models(place.kind), '; the nearest is "{}"')
             return refusal(f"{place.key}.kind", tag, f"allowed are {_tags(place.kind)}{hint}")
         case "value_error":  # our own errors continue the key's name
             return f"{place.key}{detail['ctx']['error']}"

@@ -336,9 +336,8 @@ def check_control_points(control_points: int, piercings: int) -> None:
     its own abscissa. The thread bends at the hole, so the spline needs a span at the hole and one
     on each side: 3 control points for each hole, in addition to the 4 of a single cubic.
     """
-    least = 4 + 3 * piercings
-    if control_points < least:
-        raise refused("thread.control_points", control_points, "points-few", piercings=piercings, least=least)
+    words = {"piercings": piercings, "least": 4 + 3 * piercings}
+    refuse(control_points < words["least"], "thread.control_points", control_points, "points-few", **words)
 
 
 # --- reading and writing ----------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from typing import Any, get_args
 import tomli_w
 
 from studies.scenario.organ import FileMesh
-from studies.scenario.refusal import BARE, as_toml, because, dotted_key, nearest, refusal
+from studies.scenario.refusal import BARE, as_toml, because, dotted_key, hint_at, refusal
 from studies.scenario.scenario import Scenario, parse
 from studies.scenario.stitch import long_form
 from studies.scenario.table import ScenarioError, plain_values
@@ -161,8 +161,7 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))  # Windows editors can write a byte-order mark
     except FileNotFoundError:
-        match = nearest(path.name, scenes())
-        hint = f"the scene with the nearest name is {match}; " if match else ""
+        hint = hint_at(path.name, scenes(), "the scene with the nearest name is {}; ")
         remedy = because("file-missing", hint=hint, scenes=", ".join(scenes()))
         raise ScenarioError(f"{path} does not exist; {remedy}") from None
     except UnicodeDecodeError as error:

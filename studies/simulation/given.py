@@ -18,7 +18,7 @@ from coupling.interfaces import FrictionLaw
 from meshes.given import given_mesh, mesh_digest
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError, Tissue
-from studies.scenario.refusal import because, dotted_key, nearest, refusal, shortened
+from studies.scenario.refusal import because, dotted_key, hint_at, refusal, shortened
 from studies.scenario.scenario import with_given_mesh
 from tissue.materials.density import Density
 from tissue.materials.own import Own
@@ -115,8 +115,7 @@ class Given:
         holes = {hole.name: hole for hole in scenario.piercing}
         for name in self.friction:
             if name not in holes:
-                match = nearest(name, holes)
-                known = f"the nearest is {match!r}" if match else f"there are {', '.join(holes) or 'none'}"
+                known = hint_at(name, holes, "the nearest is {!r}") or f"there are {', '.join(holes) or 'none'}"
                 yield f"friction of {name!r} is refused: the scenario has no such piercing; {known}"
             elif holes[name].kind == "anchored":
                 yield refusal(holes[name].key("kind"), "anchored", because("law-anchored"))
