@@ -13,6 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from studies.command.lines import print_lines
 from studies.lists import list_of
 
 TABLE = list_of(__file__, "commands.toml")
@@ -26,7 +27,7 @@ def parser_for(arguments: Sequence[str]) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="command")
     for name, command in TABLE.items():
         sub = commands.add_parser(name, help=command["text"], description=command["text"])
-        sub.set_defaults(command=partial(carry_out, command["performs"]))
+        sub.set_defaults(command=partial(carry_out, command))
         if name in arguments:
             add_arguments(sub, command)
     return parser
@@ -51,8 +52,7 @@ def in_python(key: str, value: Any) -> Any:
     if key == "metavar":
         return tuple(value) if isinstance(value, list) else value
     if isinstance(value, str) and value.startswith("@"):
-        module, _, name = value[1:].partition(":")
-        return getattr(import_module(module), name)
+        return named(value[1:])
     return KINDS.get(value, value) if key == "type" else value
 
 
@@ -74,11 +74,22 @@ def read(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     return options
 
 
-def carry_out(performs: str, options: argparse.Namespace) -> int:
-    """Carry out a command by its module and function; return its exit status."""
-    module, _, function = performs.partition(".")
-    status: int = getattr(import_module(f"studies.command.{module}"), function)(options)
-    return status
+def named(place: str) -> Any:
+    """Return the object of the code at ``module:name``."""
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)
+
+
+def carry_out(command: Mapping[str, Any], options: argparse.Namespace) -> int:
+    """Carry out a command by the functions of its list; return its exit status."""
+    if "needs" in command:
+        import_module(command["needs"])
+    if "performs" in command:
+        status: int = named(command["performs"])(options)
+        return status
+    place, *names = command["prints"]
+    print_lines(named(place)(*(getattr(options, name) for name in names)))
+    return 0
 
 
 class Version(argparse.Action):
