@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 import tissue
 from coupling.run import begin
 from studies.arrays import MILLI
-from studies.bench.rows import Numbers, keep, printed, steps_in_turn
+from studies.bench.rows import EVERY_CASE, Numbers, keep, printed, steps_in_turn
 from studies.bench.step import COUPLED, FIXED, SCENES, SIZES, sized
 from studies.scenario import load
 from studies.simulation.assembly import assemble
@@ -25,10 +25,6 @@ AT_REST = {"15k": (2.4e-3, 1.0e-3), "37k": (2.2e-3, 0.6e-3)}  # cell size far fr
 LOAD_STEPS = 10
 STIFFENING = ['tissue.material="exponential"', "tissue.stiffening=5.0", "tissue.rayleigh=[5.7, 0.0]"]
 WARM_UP, STEPS = 10, 25  # in dynamics; only the latter steps are timed
-IN_TIME = (
-    "\nin time, {tissue_unknowns} unknowns: {step:.1f} ms a step ({corrections:.1f} corrections), "
-    "linear {linear:.1f} ms ({linear_corrections:.1f}); {times_as_long:.1f} times as long"
-)
 
 
 def main(
@@ -43,7 +39,7 @@ def main(
     rows = printed("finite", pulls)
     with threadpool_limits(limits=1, user_api="blas"):
         step = measure_step("10k", [*sized(in_time), choice])
-    print(IN_TIME.format(**step))
+    print(EVERY_CASE["in_time"].format(**step))
     return keep(json_path, {"finite_at_rest": rows, "finite_in_time": step})
 
 

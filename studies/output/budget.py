@@ -6,7 +6,7 @@ from pathlib import Path
 
 from studies.arrays import GIGA
 from studies.output.fields import OrganTopology
-from studies.scenario import Scenario, ScenarioError, refusal
+from studies.scenario import Scenario, refuse, refused
 
 # Bytes, measured on runs with 20 to 60 control points, 2 piercings and 4000 to 12 000 nodes, P1 and
 # P2. A node takes 25 on structured meshes and up to 49 on others (displacement and stress,
@@ -60,10 +60,6 @@ def check_disk(folder: Path | str, scenario: Scenario, topology: OrganTopology |
     if frames + rows <= free:
         return
     takes = f"about {(frames + rows) / GIGA:.3g} GB in {folder}, but only {free / GIGA:.3g} GB are free"
-    if frames > rows:
-        raise ScenarioError(
-            refusal("output.every", scenario.output.every, f"the frames take {takes}; raise it, or free disk space")
-        )
+    refuse(frames > rows, "output.every", scenario.output.every, "disk-frames", takes=takes)
     key = "load_steps" if scenario.solve.kind == "static" else "dt"
-    reason = f"{scenario.solve.steps} steps take {takes}; take fewer steps, or free disk space"
-    raise ScenarioError(refusal(f"solve.{key}", getattr(scenario.solve, key), reason))
+    raise refused(f"solve.{key}", getattr(scenario.solve, key), "disk-steps", steps=scenario.solve.steps, takes=takes)

@@ -34,7 +34,7 @@ from studies.output.remarks import Remark, remark
 from studies.output.series import Series, named_files, step_of
 from studies.output.tables import CsvFile, head_of, rows_until, tables_of, whole_table
 from studies.output.tally import NEVER, Status, Tally
-from studies.scenario import Scenario, ScenarioError, dump, mesh_file, with_mesh_copy
+from studies.scenario import Scenario, ScenarioError, because, dump, mesh_file, with_mesh_copy
 
 DURATION = "solve.duration"
 SHOWN = 3  # number of names of missing files in a message
@@ -206,10 +206,7 @@ def _refuse_another(folder: Path, scenario: Scenario, changed: Mapping[str, tupl
     longer = scenario.solve.kind == "dynamic" and isinstance(was, float) and isinstance(now, float) and now > was
     left = {key: values for key, values in changed.items() if not (longer and key == DURATION)}
     if reason := first_in_words(left) or more:
-        raise ScenarioError(
-            f"--resume is refused: {folder} holds the run of another scenario ({reason}); restore the scenario (in a "
-            f"dynamic run, solve.duration can grow), give another folder, or {ANEW}"
-        )
+        raise ScenarioError(f"--resume is refused: {because('resume-other', folder=folder, reason=reason, anew=ANEW)}")
 
 
 def completed_run(folder: Path | str, scenario: Scenario) -> dict[str, Any] | None:

@@ -58,9 +58,8 @@ def drawn_into(run: reading.OpenRun, out: Path, time: float | None) -> str:
     One frame is the nearest to a time, or the last if the time is None.
     """
     if out.suffix.lower() not in KINDS:
-        raise reading.ResultsError(
-            f"--out {out} is refused: name it {out.stem}.png for a picture, {out.stem}.gif for all frames"
-        )
+        remedy = f"name it {out.stem}.png for a picture, {out.stem}.gif for all frames"
+        raise reading.ResultsError(f"--out {out} is refused: {remedy}")
     is_film = out.suffix.lower() == FILM
     spaced = reading.evenly_spaced(len(run.frames), MOST_PICTURES).tolist()
     chosen = [run.frames[number] for number in spaced] if is_film else [nearest(run.frames, time)]

@@ -9,7 +9,7 @@ from math import isfinite, isnan, nan, sqrt
 from numbers import Integral, Real
 from typing import Any
 
-from studies.scenario import FileMesh, GivenMesh, Scenario, ScenarioError
+from studies.scenario import FileMesh, GivenMesh, Scenario, ScenarioError, because
 from studies.verdicts import Verdict
 
 LEVELS = 4
@@ -165,10 +165,8 @@ def ladder(scenario: Scenario, over: str = "all", levels: int = LEVELS, ratio: f
     levels_asked = zip(settings, factors, strict=True)
     rounded = tuple(effective(scenario, kinds, keys, factor) for keys, factor in levels_asked)
     if (distinct := len(set(rounded))) < LEAST:
-        raise ScenarioError(
-            f"--ratio {step:.4g} is refused: after rounding to whole numbers only {distinct} of {levels} levels "
-            f"differ, but a verdict needs {LEAST}; give a larger ratio or more levels"
-        )
+        reason = because("ratio-rounded", distinct=distinct, levels=levels, least=LEAST)
+        raise ScenarioError(f"--ratio {step:.4g} is refused: {reason}")
     return Ladder(kinds, settings, rounded, order)
 
 
@@ -180,9 +178,7 @@ def kinds_of(scenario: Scenario, over: str) -> tuple[str, ...]:
     if over == "all":
         return tuple(kind for kind in DISCRETE if KINDS[kind].lacking(scenario) is None)
     if not (isinstance(over, str) and over in KINDS):
-        raise ScenarioError(
-            f"--over {over} is refused: allowed are {', '.join(KINDS)} and all; in statics, dt refines the load steps"
-        )
+        raise ScenarioError(f"--over {over} is refused: {because('over-unknown', known=', '.join(KINDS))}")
     if (reason := KINDS[over].lacking(scenario)) is not None:
         option = "--adaptive, or --over accuracy," if over == "accuracy" else f"--over {over}"
         raise ScenarioError(f"{option} is refused: {reason}")

@@ -10,7 +10,7 @@ from typing import Any
 from studies.output.files import write_json, write_text
 from studies.output.remarks import CATALOGUE
 from studies.refinement.ladder import KINDS, LEAST, LEVELS, Ladder, Refined, ladder
-from studies.scenario import ScenarioError, parsed
+from studies.scenario import ScenarioError, because, parsed
 from studies.study import Table
 from studies.sweeps.sweep import Base, Tell, base_tables, sweep
 from studies.sweeps.table import Column, SweepTable, asked_column
@@ -53,9 +53,7 @@ def refine(
     if not names or not all(isinstance(name, str) for name in names):
         raise ScenarioError(f"quantity = {quantity!r} is refused; give the name of a number of the summary, or several")
     if adaptive and over not in ("all", ACCURACY):
-        raise ScenarioError(
-            f"--over {over} is refused: --adaptive refines the cells at the holes; leave out one of them"
-        )
+        raise ScenarioError(f"--over {over} is refused: {because('over-adaptive')}")
     plain = base_tables(base)
     rungs = ladder(parsed(plain), ACCURACY if adaptive else over, levels, ratio)
 
@@ -132,9 +130,8 @@ def too_few(sizes: Sequence[float], values: Sequence[float], kinds: Sequence[str
     if len(levels) >= LEAST:
         return ""
     same = [" and ".join(map(str, equal)) for equal in levels.values() if len(equal) > 1]
-    why = (
-        f"only {len(levels)}{' distinct' * bool(same)} of {len(values)} levels have the number, but {LEAST} are needed"
-    )
+    distinct = " distinct" if same else ""
+    why = f"only {len(levels)}{distinct} of {len(values)} levels have the number, but {LEAST} are needed"
     if not same:
         return why
     alike = "mesh, because its number of cells did not change" if "h" in kinds else f"size ({KINDS[kinds[0]].words})"

@@ -13,7 +13,7 @@ from studies.output.reading import OpenRun, Table, evenly_spaced
 MOST_ROWS = 1000  # of a series: more points than a screen can show
 SHOWN = {"m": (1e3, "mm"), "Pa": (1e-3, "kPa"), "J": (1e3, "mJ")}  # SI units that are easier to read in another unit
 FIRST = 3  # number of charts next to the result
-SUMMARY, CHARTS = (list_of(__file__, "charts.toml")[key] for key in ("summary", "chart"))
+UNENDED, SUMMARY, CHARTS = (list_of(__file__, "charts.toml")[key] for key in ("unended", "summary", "chart"))
 CLOCKS = ("time", "step")  # columns that are not quantities
 AXES = ("x", "y", "z")
 

@@ -49,7 +49,6 @@ def line_of(run: OpenRun, name: str) -> Series:
         suggestion = nearest(name, alike or list(known))
         hint = f"the nearest is {suggestion}; " if suggestion else ""
         siblings = [key for key in known if key.partition(".")[0] == (suggestion or name).partition(".")[0]]
-        raise ResultsError(
-            f"{name} is refused: the run has no such column; {hint}it has {', '.join(alike or siblings or known)}"
-        )
+        there = ", ".join(alike or siblings or known)
+        raise ResultsError(f"{name} is refused: the run has no such column; {hint}it has {there}")
     return known[name]

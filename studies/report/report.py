@@ -19,16 +19,12 @@ from studies.output.manifest import holds_run
 from studies.output.reading import OpenRun, ResultsError, Table, open_run, read_table
 from studies.pictures.view import ARROW, MARKER, PRESSURE, TENSION, TISSUE
 from studies.report import page
-from studies.report.charts import FIRST, SHOWN, SUMMARY, chart_records, plain, series_of
+from studies.report.charts import FIRST, SHOWN, SUMMARY, UNENDED, chart_records, plain, series_of
 from studies.report.space import BYTES, view_record
 from studies.study import holds_study
 from studies.sweeps.sweep import MARK, holds_sweep
 from studies.sweeps.table import counted
 
-UNENDED = (
-    "The run has not ended, or its summary is damaged. If it was killed, continue it with --resume. Its results so far "
-    "follow."
-)
 ORIGIN = ("over", "base", "code", "preset", "arguments", "provenance")  # of a sweep or a study
 MOST_ROWS = 200  # of a table; more rows are left out
 HOLE_LINES = ("state", "slip", "force", "normal_force", "tangential_force", "tension_before", "tension_after")

@@ -138,8 +138,7 @@ def check_rising(key: str, rows: Sequence[Sequence[float]]) -> None:
     for row, ((before, *_), (after, *_)) in enumerate(pairwise(rows), start=1):
         if after <= before:
             raise ValueError(
-                f".{key}.{row} = {as_toml(rows[row])} is refused: "
-                f"its time must be later than {before} s in the row before; sort the rows by time"
+                f".{key}.{row} = {as_toml(rows[row])} is refused: {because('rows-falling', before=before)}"
             )
 
 

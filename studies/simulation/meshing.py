@@ -28,7 +28,7 @@ from meshes.units import metres_per_unit
 from meshes.wound import Wound, wounded_block_gmsh, wounded_block_structured
 from studies import scenario as model
 from studies.arrays import GIGA, Array
-from studies.scenario import Scenario, ScenarioError, as_toml, refuse, refused
+from studies.scenario import Scenario, ScenarioError, as_toml, because, refuse, refused
 from studies.scenario.organ import SURFACES, Boundary, Region, idle_load, unknown_clamp
 from studies.scenario.piercing import place_refused
 from studies.scenario.scenario import check_apart
@@ -272,10 +272,7 @@ def too_large(tets: float, element: str) -> str | None:
     need, there = budget(tets, element), psutil.virtual_memory().available
     if need.memory <= there:
         return None
-    return (
-        f"about {need.tets:.1e} tetrahedra and {need.unknowns:.1e} unknowns ({element}), which need about "
-        f"{need.memory / GIGA:.3g} GB of memory, but {there / GIGA:.3g} GB are available"
-    )
+    return because("memory", need=need, element=element, memory=need.memory / GIGA, there=there / GIGA)
 
 
 def check_clear(shape: model.WoundMesh, holes: Sequence[model.Piercing]) -> None:

@@ -18,7 +18,7 @@ from studies.output.files import as_json, read_json, unfinished, write_json
 from studies.output.lock import folder_of, locked, refuse_foreign_files
 from studies.output.manifest import refuse_links
 from studies.output.provenance import provenance
-from studies.scenario import Scenario, ScenarioError, changed, parsed, plain_values, read, tables
+from studies.scenario import Scenario, ScenarioError, because, changed, parsed, plain_values, read, tables
 from studies.scenario.toml import override_key
 from studies.simulation.sharing import organ_key
 from studies.status import COMPLETED, REFUSED
@@ -115,9 +115,7 @@ def check_over(over: object) -> None:
     """
     lists = over.values() if isinstance(over, Mapping) else [over]
     if any(isinstance(values, str) or not isinstance(values, Sequence | np.ndarray) for values in lists):
-        raise ScenarioError(
-            f"over = {over!r} is refused: give a list of values by each key, {{'solve.dt': [1e-3, 5e-4]}}"
-        )
+        raise ScenarioError(f"over = {over!r} is refused: {because('over-lists')}")
     if not isinstance(over, Mapping) and not all(isinstance(case, Mapping) for case in cast(Sequence, over)):
         raise ScenarioError(f"over = {over!r} is refused: a case is a dict of values by key, {{'solve.dt': 1e-3}}")
 
@@ -257,10 +255,7 @@ def parse_over(texts: Sequence[str]) -> dict[str, list[Any]]:
         override_key(f"{key}=0")
         values = value_of(value)
         if not isinstance(values, list) or not values:
-            raise ScenarioError(
-                f"--over {text} is refused: write a key, = and a list of values in TOML, for example "
-                "--over 'tissue.youngs_modulus=[1e5, 2e5]'"
-            )
+            raise ScenarioError(f"--over {text} is refused: {because('over-value')}")
         if key.strip() in over:
             raise ScenarioError(f"--over {text} is refused: {key} is already varied; give all its values in one list")
         over[key.strip()] = values

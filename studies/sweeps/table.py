@@ -127,9 +127,8 @@ def asked_column(table: SweepTable, name: str, option: str, number: bool = True)
         near = get_close_matches(name, known, NEAR, LIKE)
         hint = f"the nearest are {', '.join(near)}" if near[1:] else f"the nearest is {near[0]}" if near else ""
         hint = hint or f"there are for example {', '.join(known[1:9])}"
-        raise ScenarioError(
-            f"{option} {name} is refused: the table has no such {'number' if number else 'column'}; {hint}"
-        ) from None
+        what = "number" if number else "column"
+        raise ScenarioError(f"{option} {name} is refused: the table has no such {what}; {hint}") from None
     if number and not column.is_number:
         raise ScenarioError(f"{option} {name} is refused: it is a word or a list; give a number's name")
     return column
