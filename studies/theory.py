@@ -194,8 +194,7 @@ def direct_term(distance: float, nu: float) -> Array:
 
     It is in full space, under unit forces along x and z.
     """
-    whole: Array = unbounded.kelvin(np.array([distance, 0.0, 0.0]), nu)
-    return whole[np.ix_([0, 2], [0, 2])]
+    return np.asarray(unbounded.kelvin(np.array([distance, 0.0, 0.0]), nu)[np.ix_([0, 2], [0, 2])])
 
 
 def image_term(distance: float, depth: float, nu: float) -> Array:

@@ -83,7 +83,7 @@ def perform(options: argparse.Namespace) -> int:
 def _carry_out(options: argparse.Namespace) -> int:
     """Perform the command, or print why it is refused; return the exit status."""
     try:
-        status: int = options.command(options)
+        return int(options.command(options))
     except ALL_REFUSALS as error:
         return complain(error, REFUSED)
     except (FactorError, WorkersError) as error:
@@ -95,7 +95,6 @@ def _carry_out(options: argparse.Namespace) -> int:
     except MemoryError as error:
         reason = f"there is not enough memory ({error}); use fewer control points or a coarser mesh"
         return complain(reason, REFUSED)
-    return status
 
 
 def run(options: argparse.Namespace) -> int:

@@ -85,8 +85,7 @@ def carry_out(command: Mapping[str, Any], options: argparse.Namespace) -> int:
     if "needs" in command:
         import_module(command["needs"])
     if "performs" in command:
-        status: int = named(command["performs"])(options)
-        return status
+        return int(named(command["performs"])(options))
     place, *names = command["prints"]
     print_lines(named(place)(*(getattr(options, name) for name in names)))
     return 0

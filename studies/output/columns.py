@@ -48,8 +48,7 @@ class Column(Generic[Row]):
 
     def of(self, record: Row) -> Value:
         """Return the value of a row's record."""
-        value: Value = getattr(record, self.name) if self.source is None else self.source(record)
-        return value
+        return getattr(record, self.name) if self.source is None else self.source(record)
 
     @property
     def headings(self) -> list[str]:

@@ -273,8 +273,7 @@ class OpenRun:
     @property
     def remarks(self) -> list[dict[str, Any]]:
         """The remarks on the run: `code`, `severity`, `message` and `where` of each."""
-        found: list[dict[str, str]] = self.summary.get("remarks", [])
-        return found
+        return self.summary.get("remarks", [])
 
     @cached_property
     def scenario(self) -> Scenario:

@@ -70,8 +70,7 @@ class Tally:
 
         None if there was no such step.
         """
-        number: int = self._totals["whole_from"]
-        return None if number == NEVER else number
+        return None if self._totals["whole_from"] == NEVER else self._totals["whole_from"]
 
     def see(self, organ: Record | None) -> None:
         """Add the organ of a frame, None without an organ."""

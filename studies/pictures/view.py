@@ -65,8 +65,7 @@ def surface(topology: OrganTopology) -> Indices:
     corners = np.sort(faces, axis=1)
     order = np.lexsort(corners.T)
     again = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)  # equal to the face before it
-    outer: Indices = faces[order[~(np.append(again, False) | np.append(False, again))]]
-    return outer
+    return np.asarray(faces[order[~(np.append(again, False) | np.append(False, again))]])
 
 
 @dataclass(frozen=True)

@@ -101,15 +101,13 @@ class Given:
                 if getattr(self, name) is not None:
                     yield f"{name} is refused: the scenario has no organ; add [tissue]"
             return
-        if self.stiffness is not None and table.material != "linear":
-            yield refusal("tissue.material", table.material, because("stiffness-finite"))
+        stiff, accuracy = self.stiffness is not None, table.mesh.accuracy
+        yield from fault(stiff and table.material != "linear", "tissue.material", table.material, "stiffness-finite")
         if self.energy is not None:
             yield from faults_of_energy(table)
-        accuracy = table.mesh.accuracy
-        if accuracy != "given" and self.stiffness is not None:
-            yield refusal("tissue.mesh.accuracy", accuracy, because("stiffness-mesh"))
-        if table.mesh.bound and (self.stiffness is not None or self.energy is not None):
-            yield refusal("tissue.mesh.bound", True, because("bounds-law"))
+        yield from fault(stiff and accuracy != "given", "tissue.mesh.accuracy", accuracy, "stiffness-mesh")
+        other = stiff or self.energy is not None
+        yield from fault(table.mesh.bound and other, "tissue.mesh.bound", True, "bounds-law")
 
     def _faults_of_friction(self, scenario: Scenario) -> Iterator[str]:
         holes = {hole.name: hole for hole in scenario.piercing}
@@ -119,14 +117,10 @@ class Given:
                 yield f"friction of {name!r} is refused: the scenario has no such piercing; {known}"
             elif holes[name].kind == "anchored":
                 yield refusal(holes[name].key("kind"), "anchored", because("law-anchored"))
-        if not self.friction:
-            return
-        if scenario.solve.friction == "two-pass":
-            yield refusal("solve.friction", "two-pass", because("law-two-pass"))
-        if scenario.solve.scheme == "linear":
-            yield refusal("solve.scheme", "linear", because("law-linear"))
-        if not scenario.thread.bending:
-            yield refusal("thread.bending", False, because("law-bending"))
+        if self.friction:
+            yield from fault(scenario.solve.friction == "two-pass", "solve.friction", "two-pass", "law-two-pass")
+            yield from fault(scenario.solve.scheme == "linear", "solve.scheme", "linear", "law-linear")
+            yield from fault(not scenario.thread.bending, "thread.bending", False, "law-bending")
 
     def stiffened(self, body: tissue.Elasticity) -> tissue.Elasticity:
         """Return the body with the given stiffness.
@@ -153,6 +147,11 @@ class Given:
 NOTHING = Given()
 
 
+def fault(wrong: bool, key: str, value: object, reason: str) -> list[str]:
+    """Return a list with the refusal of a value, by the reason of this name, if it is wrong."""
+    return [refusal(key, value, because(reason))] if wrong else []
+
+
 def is_law_by_name(value: object) -> bool:
     """Return whether a value is a dict of friction laws by the names of piercings."""
     laws = value.items() if isinstance(value, Mapping) else [(None, None)]
@@ -162,8 +161,7 @@ def is_law_by_name(value: object) -> bool:
 
 def faults_of_energy(table: Tissue) -> Iterator[str]:
     """Yield the refused keys of an organ's table that the energy from Python replaces."""
-    if table.material == "linear":
-        yield refusal("tissue.material", "linear", because("energy-linear"))
+    yield from fault(table.material == "linear", "tissue.material", "linear", "energy-linear")
     for place, part in (("tissue", table), *((dotted_key(["tissue", "region", r.name]), r) for r in table.region)):
         for key in ("stiffening", "fibres"):
             if getattr(part, key) is not None:

@@ -42,8 +42,7 @@ class Shared:
             if known is None or known[0] != key:
                 self._kept.pop(kind, None)  # first, because a large organ needs the memory of the last one
                 known = self._kept[kind] = key, make()
-            part: Made = known[1]
-            return part
+            return known[1]
 
 
 def organ_key(scenario: Scenario) -> str:

@@ -213,8 +213,7 @@ def known_case(kept: Path, digest: str) -> dict[str, Any]:
 
 def record(result: Result) -> dict[str, Any]:
     """Return a result as if read from its file: numbers that are not finite are None."""
-    plain: dict[str, Any] = json.loads(as_json(result.record()))
-    return plain
+    return json.loads(as_json(result.record()))
 
 
 def row_of(case: Planned, found: Mapping[str, Mapping[str, Any]]) -> Case:

@@ -585,7 +585,7 @@ def test_every_refusal_has_a_reason() -> None:
     calls = [call for path in sources for call in ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
     named = {"_refuse": set[str](), "because": set[str]()}
     # the place of a reason's name among the arguments
-    places = {"_refuse": 1, "because": 0, "refuse": 3, "refused": 2, "place_refused": 1, "one_sentence": 0}
+    places = {"_refuse": 1, "because": 0, "refuse": 3, "refused": 2, "fault": 3, "place_refused": 1, "one_sentence": 0}
     for call in (call for call in calls if isinstance(call, ast.Call)):
         called = call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
         if called in places and len(call.args) <= places[called]:  # of a folder, whose reason is a sentence
