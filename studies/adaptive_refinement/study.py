@@ -34,7 +34,7 @@ from studies.arrays import MILLI
 from studies.figure import Item, draw, level, panel, series, unnamed
 from studies.lists import study_list
 from studies.simulation.assembly import assemble, site_of
-from studies.study import Job, Table, each, grouped, require, require_known, scene, unit_field
+from studies.study import Table, each, grouped, require, require_known, scene, unit_field
 from tissue.refinement.estimate import estimate
 
 A = 1e-3  # footprint of the cases with one footprint [m]
@@ -93,18 +93,13 @@ def main(
     """
     require_known("cases", cases, CASES)
     require_known("elements", elements, ("P1", "P2"))
-    require(
-        0.0 < min(footprints, default=A) <= max(footprints, default=A) <= 0.1 * LENGTH, "footprints", "give 0 to 4e-3"
-    )
+    inside = all(0.0 < a <= 0.1 * LENGTH for a in footprints)
+    require(inside, "footprints", "give 0 to 4e-3")
     require(1e-3 <= reference < 0.5 * min(accuracies), f"reference = {reference:g}", "give less than half an accuracy")
-    every: dict[str, tuple[float, Settings]] = {f"footprint {a / MILLI:g} mm": (a, {}) for a in footprints} | {
-        name: (A, CASES[name]) for name in cases
-    }
+    every: dict[str, tuple[float, Settings]] = {f"footprint {a / MILLI:g} mm": (a, {}) for a in footprints}
+    every |= {name: (A, CASES[name]) for name in cases}
     sizes = {UNIFORM: uniform, GRADED: graded, ADAPTIVE: accuracies}
-    jobs: list[Job] = [
-        partial(run_case, name, a, keys, elements, sizes, reference) for name, (a, keys) in every.items()
-    ]
-    yield from each(jobs)
+    yield from each([partial(run_case, name, *case, elements, sizes, reference) for name, case in every.items()])
 
 
 def run_case(

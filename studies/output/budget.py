@@ -21,9 +21,8 @@ UNITS = ((GIGA, "GB"), (1e6, "MB"), (1e3, "kB"))
 def frame_bytes(scenario: Scenario, topology: OrganTopology | None) -> float:
     """Estimate the size of all frames of a run [byte]."""
     nodes = 0 if topology is None else len(topology.points)
-    one = (
-        PER_NODE * nodes + PER_CONTROL_POINT * scenario.thread.control_points + PER_HOLE_DRAWN * len(scenario.piercing)
-    )
+    holes = PER_HOLE_DRAWN * len(scenario.piercing)
+    one = PER_NODE * nodes + PER_CONTROL_POINT * scenario.thread.control_points + holes
     return one * (scenario.solve.steps // scenario.output.every + 2)
 
 

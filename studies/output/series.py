@@ -87,9 +87,8 @@ class Markup:
     def placed(self) -> str:
         """The text with the offsets of the arrays, in bytes from the start of the arrays."""
         texts, sizes = self.text.split(PLACE), map(len, self.arrays)
-        return texts[0] + "".join(
-            f"{at}{text}" for at, text in zip(accumulate(sizes, initial=0), texts[1:], strict=False)
-        )
+        following = zip(accumulate(sizes, initial=0), texts[1:], strict=False)
+        return texts[0] + "".join(f"{at}{text}" for at, text in following)
 
 
 def as_it_is(array: NDArray[Any]) -> bytes:

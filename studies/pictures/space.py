@@ -49,9 +49,8 @@ def stage_of(frames: Sequence[Frame], topology: OrganTopology | None, title: str
     """Return the stage that shows the selected points, every arrow and the organ of all frames."""
     scale = view.scale_of(frames)
     parts = [(view.aimed_at(frame), scale.tips(frame), view.shown_organ(frame, topology, scale)) for frame in frames]
-    return Stage(
-        topology, title, scale, camera_on(np.concatenate([part for each in parts for part in each]), view.SIZE, MARGINS)
-    )
+    points = np.concatenate([part for each in parts for part in each])
+    return Stage(topology, title, scale, camera_on(points, view.SIZE, MARGINS))
 
 
 def draw_space(frames: Sequence[Frame], topology: OrganTopology | None, path: Path, title: str = "") -> None:
@@ -257,18 +256,16 @@ def _add_mesh_cells(plotter: Any, part: Any) -> None:
     skin = part.extract_surface(algorithm="dataset_surface")
     number = np.asarray(skin.cell_data["region"]) % len(REGIONS)
     skin.cell_data["colour"] = np.array([pv.Color(colour).int_rgb for colour in REGIONS], dtype=np.uint8)[number]
-    plotter.add_mesh(
-        skin, scalars="colour", rgb=True, show_edges=True, edge_color="#55453c", line_width=1, ambient=0.35, diffuse=0.6
-    )
+    edges = {"show_edges": True, "edge_color": "#55453c", "line_width": 1}
+    plotter.add_mesh(skin, scalars="colour", rgb=True, ambient=0.35, diffuse=0.6, **edges)
 
 
 def _add_mesh_marks(plotter: Any, scene: MeshScene) -> None:
     """Add the wound's edge and the piercings."""
     if len(scene.lips):
         lips = pv.PolyData.from_regular_faces(scene.points, scene.lips)
-        rim = lips.extract_feature_edges(
-            boundary_edges=True, feature_edges=False, manifold_edges=False, non_manifold_edges=False
-        )
+        others = dict.fromkeys(("feature_edges", "manifold_edges", "non_manifold_edges"), False)
+        rim = lips.extract_feature_edges(boundary_edges=True, **others)
         plotter.add_mesh(rim, color=view.THREAD, line_width=5)
     size = float(np.linalg.norm(np.ptp(scene.points, axis=0)))
     for site in scene.sites:

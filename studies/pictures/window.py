@@ -24,9 +24,8 @@ def show(folder: str) -> None:
     stage = stage_of([read_frame(run.frames[0], run.piercings), last], topology, run.title)
     plotter: Any = pv.Plotter(window_size=list(SIZE), title=f"suture view {run.name}")
     if plotter.render_window.GetClassName() in WINDOWS:
-        sys.exit(
-            f"VTK cannot open a window on the display {os.environ.get('DISPLAY', '')!r}; correct DISPLAY, or give --out"
-        )
+        display = os.environ.get("DISPLAY", "")
+        sys.exit(f"VTK cannot open a window on the display {display!r}; correct DISPLAY, or give --out")
     prepare(plotter, stage)
     shown: list[str] = []
 

@@ -42,9 +42,8 @@ class Kind:
 def finer_cells(scenario: Scenario, factor: float) -> Settings:
     """Return the refined sizes of the mesh."""
     mesh: Any = scenario.tissue.mesh if scenario.tissue else None
-    return {
-        f"tissue.mesh.{key}": size / factor for key in ("h", "h_site") if (size := getattr(mesh, key, None)) is not None
-    }
+    sizes = {key: getattr(mesh, key, None) for key in ("h", "h_site")}
+    return {f"tissue.mesh.{key}": size / factor for key, size in sizes.items() if size is not None}
 
 
 def finer_holes(scenario: Scenario, factor: float) -> Settings:

@@ -168,9 +168,8 @@ def title(one: Refined, rungs: Ladder) -> str:
 def in_words(one: Refined) -> dict[str, str]:
     """Return the findings as texts for a person, by their headings."""
     judged = one.verdict
-    order = (
-        "" if judged is None or judged.kind in NO_ORDER else "swings" if isnan(judged.order) else f"{judged.order:.2f}"
-    )
+    known = None if judged is None or judged.kind in NO_ORDER else judged.order
+    order = "" if known is None else "swings" if isnan(known) else f"{known:.2f}"
     limit = "" if judged is None or isnan(judged.limit) else f"{judged.limit:.6g}"
     between = "" if one.interval is None else "{:.6g} to {:.6g}".format(*one.interval)
     numbers = ", ".join("failed" if isnan(number) else f"{number:.6g}" for number in one.numbers)

@@ -85,12 +85,8 @@ def remark_list(remarks: Sequence[Mapping[str, str]], without: str) -> str:
     if not remarks:
         return paragraph(without)
     words = ("severity", "message", "code", "where")
-    items = [
-        '<li class="{0}"><b>{0}</b>{1} <code>{2}</code> {3}</li>'.format(
-            *(escaped(one.get(word, "")) for word in words)
-        )
-        for one in remarks
-    ]
+    item = '<li class="{0}"><b>{0}</b>{1} <code>{2}</code> {3}</li>'
+    items = [item.format(*(escaped(one.get(word, "")) for word in words)) for one in remarks]
     return f'<ul class="remarks">{"".join(items)}</ul>'
 
 
@@ -111,7 +107,6 @@ def chart(name: str) -> str:
 
 def selection(name: str, label: str, options: Iterable[str] = (), chosen: str = "") -> str:
     """Return a selection, with the given options or with options from the page's script."""
-    items = "".join(
-        f"<option{' selected' if option == chosen else ''}>{escaped(option)}</option>" for option in options
-    )
+    marked = ((option, " selected" if option == chosen else "") for option in options)
+    items = "".join(f"<option{mark}>{escaped(option)}</option>" for option, mark in marked)
     return f'<label>{escaped(label)} <select id="{escaped(name)}">{items}</select></label>'

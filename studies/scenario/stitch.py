@@ -283,9 +283,8 @@ def bites_of(stitch: Stitch) -> list[Bite]:
             reach = stitch.mean / step
             turns = [2.0 * pi * (k + 0.5) / stitch.count for k in range(stitch.count)]
             ends = [[(step * sin(turn + side), step * cos(turn + side)) for side in (-reach, reach)] for turn in turns]
-            return [
-                Bite((f"{k}.left", f"{k}.right"), first, last, depth) for k, (first, last) in enumerate(ends, start=1)
-            ]
+            numbered = enumerate(ends, start=1)
+            return [Bite((f"{k}.left", f"{k}.right"), first, last, depth) for k, (first, last) in numbered]
 
 
 def long_form(data: Mapping[str, Any]) -> dict[str, Any]:

@@ -137,9 +137,8 @@ def check_rising(key: str, rows: Sequence[Sequence[float]]) -> None:
     """Refuse rows of a key whose times, the first number of each, do not rise."""
     for row, ((before, *_), (after, *_)) in enumerate(pairwise(rows), start=1):
         if after <= before:
-            raise ValueError(
-                f".{key}.{row} = {as_toml(rows[row])} is refused: {because('rows-falling', before=before)}"
-            )
+            reason = because("rows-falling", before=before)
+            raise ValueError(f".{key}.{row} = {as_toml(rows[row])} is refused: {reason}")
 
 
 def repetition(table: str, names: Sequence[str]) -> str | None:

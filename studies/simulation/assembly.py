@@ -417,9 +417,8 @@ def tie_of(table: model.Tie, holes: Sequence[model.Piercing]) -> Tie:
     names = [hole.name for hole in holes]
     first, last = sorted(names.index(name) for name in table.between)
     hold = np.inf if table.hold is None else table.hold
-    return Tie(
-        table.name, (first, last), table.force, table.from_, table.until, table.growth, table.speed, hold, table.held
-    )
+    times = table.from_, table.until, table.growth
+    return Tie(table.name, (first, last), table.force, *times, table.speed, hold, table.held)
 
 
 def site_of(hole: model.Piercing) -> tissue.Site:

@@ -413,9 +413,8 @@ def near_holes(holes: Sequence[Piercing]) -> Iterator[Remark]:
             near.append((distance / reach, one.name, other.name, distance / MILLI, reach / MILLI))
     if near:
         (_, first, second, apart, reach), others = min(near), len(near) - 1
-        also = (
-            f"; {others} more pair{'s' * (others > 1)} of holes {'are' if others > 1 else 'is'} near" if others else ""
-        )
+        pairs = "pairs of holes are" if others > 1 else "pair of holes is"
+        also = f"; {others} more {pairs} near" if others else ""
         yield remark("holes-near", first, other=second, apart=apart, reach=reach, also=also)
 
 

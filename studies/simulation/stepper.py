@@ -54,10 +54,8 @@ class Timing:
 
     def __str__(self) -> str:
         median, late, worst = (1e3 * seconds for seconds in (self.median, self.late, self.worst))
-        return (
-            f"{self.steps} steps: median {median:.3g} ms, 99th percentile {late:.3g} ms, longest {worst:.3g} ms, "
-            f"{self.missed} late"
-        )
+        times = f"median {median:.3g} ms, 99th percentile {late:.3g} ms, longest {worst:.3g} ms"
+        return f"{self.steps} steps: {times}, {self.missed} late"
 
 
 def is_led(end: End) -> TypeGuard[Driven | Fixed]:

@@ -71,9 +71,8 @@ class Wound:
             return self.near
         middle = points[np.union1d(left.edges, right.edges)].mean(axis=0)
         lips, ways = points[np.union1d(own.left, own.facets)], points[ends] - middle
-        places, names = (
-            np.array(each) for each in zip(*((bite.place, bite.stitch) for bite in self.near), strict=True)
-        )
+        near = ((bite.place, bite.stitch) for bite in self.near)
+        places, names = (np.array(each) for each in zip(*near, strict=True))
         beyond = (places - middle) @ ways.T > (1.0 + BEYOND) * np.max((lips - middle) @ ways.T, axis=0)
         return tuple(bite for bite in self.near if not beyond[names == bite.stitch].all(axis=0).any())
 

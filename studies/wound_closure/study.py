@@ -66,9 +66,8 @@ class Row(Wound):
     tied: tuple[float, ...] = measured("N", lambda at: at.tied)  # of each stitch when it was tied
     along: tuple[float, ...] = measured("m", lambda at: at.along)  # places of the gaps
     gaps: tuple[float, ...] = measured("m", lambda at: at.hands.gaps(at.state, at.along))  # of the lips at the end
-    uniform: float = measured(
-        "-", lambda at: at.hands.uniform_traction
-    )  # traction that closes the mesh, over the traction of a large sheet
+    # traction that closes the mesh, over the traction of a large sheet
+    uniform: float = measured("-", lambda at: at.hands.uniform_traction)
     moved: float = measured("m", lambda at: np.linalg.norm(at.moved[:, :3], axis=1).max())  # largest of a hole
     contact_force: float = measured("N", lambda at: at.lips.force.sum())  # total force that pushes the lips apart
     pressure: float = measured("Pa", lambda at: at.hands.organ.gaps.pressure(at.lips.force).max())  # of the lips
