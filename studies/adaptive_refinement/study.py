@@ -34,7 +34,7 @@ from studies.arrays import MILLI
 from studies.figure import Item, draw, level, panel, series, unnamed
 from studies.lists import study_list
 from studies.simulation.assembly import assemble, site_of
-from studies.study import Table, each, grouped, require, require_known, scene, unit_field
+from studies.study import Table, columns_of, each, grouped, require, require_known, scene, unit_field
 from tissue.refinement.estimate import estimate
 
 A = 1e-3  # footprint of the cases with one footprint [m]
@@ -154,20 +154,17 @@ def needed(rows: Sequence[Row], field: str) -> float:
     return float(np.exp(-np.interp(-np.log(ASKED), -np.log(errors), -np.log(values))))
 
 
-COLUMNS = (  # for the meshes of a kind
-    ("case", lambda rows: rows[0].case),
-    ("cells", lambda rows: rows[0].kind),
-    ("unknowns for 3 %", lambda rows: shown(needed(rows, "unknowns"))),
-    ("seconds for 3 %", lambda rows: shown(needed(rows, "seconds"))),
-    ("finest", lambda rows: f"{max(row.unknowns for row in rows)}"),
-    ("its error [%]", lambda rows: f"{100.0 * min(row.error for row in rows):.2g}"),
-    ("estimate over error", lambda rows: range_text([row.effectivity for row in rows])),
-)
-
-
 def table(rows: Sequence[Row]) -> Table:
     """Return the table with a line for each kind of mesh on a case."""
-    return Table.of(COLUMNS, grouped(rows, lambda row: (row.case, row.kind)).values())
+    columns = columns_of(
+        "adaptive_refinement",
+        unknowns=lambda meshes: shown(needed(meshes, "unknowns")),
+        seconds=lambda meshes: shown(needed(meshes, "seconds")),
+        most=lambda meshes: f"{max(row.unknowns for row in meshes)}",
+        least_error=lambda meshes: f"{100.0 * min(row.error for row in meshes):.2g}",
+        effectivities=lambda meshes: range_text([row.effectivity for row in meshes]),
+    )
+    return Table.of(columns, grouped(rows, lambda row: (row.case, row.kind)).values())
 
 
 def range_text(values: Sequence[float]) -> str:

@@ -34,7 +34,7 @@ from studies.arrays import KILO, MILLI, Array
 from studies.figure import COLOURS, MARKERS, Item, curve, described, draw, level, series, unnamed
 from studies.scenario import Scenario
 from studies.simulation.assembly import Assembly, assemble
-from studies.study import Table, each, grouped, measure, measured, require, scene
+from studies.study import Table, columns_of, each, grouped, measure, measured, require, scene
 from studies.verdicts import beyond_linear, too_coarse
 
 STIFFNESSES = (2e3, 1e4, 5e4, 2.5e5)  # of the organ [Pa]: fat to firm phantom
@@ -228,19 +228,16 @@ def table(rows: Sequence[Row]) -> Table:
         whole = runs_of(rows, "monolithic", runs[0].inertia, runs[0].youngs_modulus)
         return max(run.moved for run in whole) / MILLI
 
-    columns = (
-        ("organ", lambda runs: "with inertia" if runs[0].inertia else "quasi-static"),
-        ("E [kPa]", lambda runs: f"{runs[0].youngs_modulus / KILO:g}"),
-        ("hole moves [mm]", lambda runs: f"{moved(runs):.2g}"),
-        ("way", lambda runs: runs[0].way),
-        ("largest stable step [ms]", stable_text),
-        (f"drift at {steps} [mm]", lambda runs: at_steps(runs, lambda run: f"{run.drift / MILLI:.2g}")),
-        (
-            f"energy created at {steps} [% of the hand's work]",
-            lambda runs: at_steps(runs, lambda run: f"{100.0 * run.created:+.2g}"),
-        ),
-        (f"error of the exit at {EQUAL} linear systems [% of its way]", error_text),
+    columns = columns_of(
+        "coupling_variants",
+        organ=lambda runs: "with inertia" if runs[0].inertia else "quasi-static",
+        moved=lambda runs: f"{moved(runs):.2g}",
+        stable=stable_text,
+        drift=lambda runs: at_steps(runs, lambda run: f"{run.drift / MILLI:.2g}"),
+        created=lambda runs: at_steps(runs, lambda run: f"{100.0 * run.created:+.2g}"),
+        error=error_text,
     )
+    columns = [(head.format(steps=steps, equal=EQUAL), cell) for head, cell in columns]
     return Table.of(columns, [runs_of(rows, way, *organ) for organ in organs(rows) for way in WAYS])
 
 
