@@ -108,10 +108,8 @@ def paraview(mesh: skfem.MeshTet, indicators: Array | None = None) -> meshio.Mes
     named = mesh.boundaries or {}
     facets = np.unique(np.concatenate([mesh.boundary_facets(), *named.values()]))
     m, k = mesh.nelements, len(facets)
-    data = {
-        "region": [region_numbers(mesh), np.full(k, NO_CELL)],
-        "radius_ratio": [radius_ratios(mesh.p.T[mesh.t.T]), np.zeros(k)],
-    }
+    data = {"region": [region_numbers(mesh), np.full(k, NO_CELL)]}
+    data["radius_ratio"] = [radius_ratios(mesh.p.T[mesh.t.T]), np.zeros(k)]
     if indicators is not None:
         data["indicator"] = [indicators, np.zeros(k)]
     for name, chosen in named.items():

@@ -27,6 +27,7 @@ TITLE, SMALL, NAMES = 28, 20, 20  # pixels of letters
 BAR_TITLE, BAR_LABEL = 18, 16  # pixels of letters of a colour bar
 LETTER = 0.56  # mean width of a letter over its height
 SHARP = 50.0  # degrees between two faces above which their edge is drawn
+ARROW = {"tip_length": 0.2, "tip_radius": 0.05, "shaft_radius": 0.018}  # over the length of the arrow
 CORNER = (0.0, 0.0, 0.12, 0.18)  # place of the axes in the picture: left, below, right, above
 BARS = (0.34, 0.04, 0.97, 0.165)  # place of the colour bars with their titles
 REGIONS = ("#f0d9c8", "#dc7356", "#8fb7c9", "#c9b458", "#8ea66f", "#9d7fb0")  # the first: no region
@@ -155,13 +156,9 @@ def _add_piercings(plotter: Any, frame: Frame, scale: view.Scale) -> None:
                 plotter.add_mesh(pv.Sphere(radius=radius, center=hole.x), color=view.MARKER, opacity=opacity)
         force = float(np.linalg.norm(hole.force))
         if scale.shows(force):
-            size = {
-                "scale": scale.reach / scale.force * force,
-                "tip_length": 0.2,
-                "tip_radius": 0.05,
-                "shaft_radius": 0.018,
-            }
-            plotter.add_mesh(pv.Arrow(start=hole.x, direction=hole.force, **size), color=view.ARROW)
+            length = scale.reach / scale.force * force
+            arrow = pv.Arrow(start=hole.x, direction=hole.force, scale=length, **ARROW)
+            plotter.add_mesh(arrow, color=view.ARROW)
     if frame.held is not None and len(frame.held):
         plotter.add_points(frame.held, color=view.THREAD, point_size=7.0, render_points_as_spheres=True)
 

@@ -627,16 +627,11 @@ def stiffer_than_taut(tracts: Sequence[records.TractRecord], pushes: Sequence[fl
 def values_of(assembly: Assembly) -> dict[str, Array]:
     """Return the values that can be in a wrong unit, by their key [SI]."""
     section, body = section_of(assembly.scenario.thread), assembly.body
-    out: dict[str, Any] = {
-        "thread.length": assembly.system.thread.spline.end,
-        "thread.diameter": section.diameter,
-        "thread.youngs_modulus": section.youngs_modulus,
-        "thread.density": section.density,
-    }
+    out: dict[str, Any] = {"thread.length": assembly.system.thread.spline.end}
+    out |= {f"thread.{key}": getattr(section, key) for key in ("diameter", "youngs_modulus", "density")}
     if body is not None:
         out["size"] = np.ptp(body.points, axis=0).max()
-        out["tissue.youngs_modulus"] = body.material.youngs_modulus
-        out["tissue.density"] = body.material.density
+        out |= {f"tissue.{key}": getattr(body.material, key) for key in ("youngs_modulus", "density")}
     return {key: np.atleast_1d(value) for key, value in out.items()}
 
 
