@@ -92,6 +92,7 @@ class Timed(ScenarioTable):
 
     def _check_course(self) -> None:
         check_ending(self.from_, self.until)
+        self._refuse(self.course is not None and getattr(self, "ramp", None), "ramp.course")
         rows = self.course if isinstance(self.course, tuple) else ()
         check_rising("course", rows)
         if rows and rows[0][0] < 0.0:

@@ -202,7 +202,6 @@ class Load(Timed):
     def _check_kind(self) -> None:
         self._refuse(self.traction is not None and self.pressure is not None, "pressure.traction")
         self._refuse(self.traction is None and self.pressure is None, "traction.missing")
-        self._refuse(self.course is not None and self.ramp, "ramp.course")
 
 
 class Fibre(ScenarioTable):
@@ -421,14 +420,9 @@ def idle_load(
 def name_faults(data: Mapping[str, Any]) -> list[str]:
     """Describe the unknown, taken and repeated names in plain tables, one sentence each."""
     tissue = _table(data.get("tissue"))
-    faults = [
-        repetition("piercing", _names(data.get("piercing"))),
-        repetition("tie", _names(data.get("tie"))),
-        repetition("tissue.boundary", _names(tissue.get("boundary"))),
-        repetition("tissue.region", _names(tissue.get("region"))),
-        *_boundary_faults(tissue),
-    ]
-    return [fault for fault in faults if fault]
+    twice = [repetition(key, _names(data.get(key))) for key in ("piercing", "tie")]
+    twice += [repetition(f"tissue.{key}", _names(tissue.get(key))) for key in ("boundary", "region")]
+    return [fault for fault in (*twice, *_boundary_faults(tissue)) if fault]
 
 
 def _boundary_faults(tissue: Mapping[str, Any]) -> list[str | None]:

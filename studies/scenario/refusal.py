@@ -17,6 +17,7 @@ from studies.lists import list_of
 
 KEYS, REASONS = list_of(__file__, "keys.toml"), list_of(__file__, "refusals.toml")
 FORMER = REASONS.pop("former")  # keys of earlier versions, by the class of their table
+CAUSES = REASONS.pop("causes")  # keys of a stitch that determine a key or a table of its long form
 BARE = re.compile(r"[A-Za-z0-9_-]+")
 LONGEST_VALUE = 60  # largest number of shown characters of a refused value, unless it is text
 LONGEST_TEXT = 300  # largest number of shown characters of a text: a path is useful only as a whole

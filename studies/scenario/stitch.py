@@ -19,7 +19,7 @@ from pydantic import Field
 
 from studies.arrays import Array
 from studies.scenario.piercing import Friction
-from studies.scenario.refusal import as_toml, because, dotted_key, refusal
+from studies.scenario.refusal import CAUSES, as_toml, because, dotted_key, refusal
 from studies.scenario.solve import Solve
 from studies.scenario.table import ScenarioTable, check_ending, check_rising, repetition
 from studies.scenario.values import From, NotNegative, Positive, Text, Turn, Vector, one_sentence
@@ -34,14 +34,6 @@ UNTIL = 0.75  # of the run: time at which a stitch is tied
 FLAT = ("block", "wound")  # meshes with a plane top at z = 0
 ROWS = ("running", "purse-string")  # kinds with a number of bites
 Kind = Literal["single", "running", "vertical-mattress", "horizontal-mattress", "figure-of-eight", "purse-string"]
-# The keys of a stitch that determine a key or a table of its long form.
-CAUSES = {
-    "draw": "draw",
-    "pull": "force, from or until",
-    "piercing": "at, bite, depth, pitch or footprint",
-    "tract": "at, bite, depth or tract",
-    "tie": "from, until, force or hold",
-}
 
 
 class Bite(NamedTuple):

@@ -57,9 +57,6 @@ class PulledEnd(_End, Timed):
     force: Vector
     ramp: NotNegative | None = None
 
-    def _check_ramp(self) -> None:
-        self._refuse(self.course is not None and self.ramp, "ramp.course")
-
 
 class DrivenEnd(_HeldEnd):
     """End that follows waypoints, linearly in between.
