@@ -26,11 +26,7 @@ from studies.simulation import prepare
 SCENES = Path(__file__).parents[1] / "scenario" / "scenes"
 COUPLED = SCENES / "two_piercings.toml"
 SIZES = {"4k": (6.0e-3, 2.5e-3), "10k": (4.0e-3, 1.2e-3), "43k": (2.0e-3, 0.7e-3)}  # far from and at the holes [m]
-FIXED = [  # for every scene, because the sizes belong to these meshes
-    "thread.control_points=60",
-    "tissue.mesh.accuracy=given",
-    *(f"piercing.{name}.footprint=1.5e-3" for name in ("entry", "exit")),
-]
+FIXED = EVERY_CASE["fixed"]
 COMPILED = 'solve.newton="compiled"'
 CASES = EVERY_CASE["step"]
 MOST = 10_000  # steps

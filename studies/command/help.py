@@ -14,6 +14,7 @@ import numpy as np
 
 from studies.command.lines import print_lines
 from studies.extras import LIBRARIES, SYSTEM_LIBRARIES, installation
+from studies.lists import list_of
 from studies.output.provenance import installed_version
 from studies.scenario import ScenarioError, scenes
 from studies.scenario.reference import cost_of, title_of
@@ -126,12 +127,7 @@ CHECKS: tuple[Callable[[], dict[str, Any]], ...] = (
 )
 
 
-SCENARIO = {"bash": "_suture_scenario", "zsh": "_suture_scenario", "fish": "(_suture_scenario)"}  # scenes and files
-PREAMBLE = {
-    "bash": '_suture_scenario() {{ compgen -W "{0}" -- "$1"; compgen -f -- "$1"; }}',
-    "zsh": "_suture_scenario() {{ compadd {0}; _files }}",
-    "fish": 'function _suture_scenario; printf "%s\\n" {0}; __fish_complete_path; end',
-}
+SCENARIO, PREAMBLE = list_of(__file__, "completion.toml").values()
 
 
 def print_completion(options: argparse.Namespace) -> int:

@@ -23,22 +23,13 @@ MARK = "provenance.json"  # the first file written
 SCENARIO = "scenario.toml"
 PROFILE = "gap_profile.csv"
 FOLDERS = ("frames", "mesh")  # in the folder of a run
-FILES = (
-    MARK,
-    SCENARIO,
-    "summary.json",
-    *(f"{layout.name}.csv" for layout in TABLES),
-    PROFILE,
-    "checkpoint.npz",
-    "results.pvd",
-    "picture.png",
-    LOG,
-)
+OF_TABLES = [f"{layout.name}.csv" for layout in TABLES]
+FILES = (MARK, SCENARIO, "summary.json", *OF_TABLES, PROFILE, "checkpoint.npz", "results.pvd", "picture.png", LOG)
 
 
 def files_of(scenario: Scenario) -> list[str]:
     """List the files that a run of the scenario writes, without its frames."""
-    absent = {f"{layout.name}.csv" for layout in TABLES} - {f"{layout.name}.csv" for layout in tables_of(scenario)}
+    absent = set(OF_TABLES) - {f"{layout.name}.csv" for layout in tables_of(scenario)}
     absent |= set() if scenario.wounds else {PROFILE}
     mesh = mesh_file(scenario)
     return [name for name in FILES if name not in absent] + ([] if mesh is None else [f"mesh/{mesh.name}"])
