@@ -22,8 +22,8 @@ from studies.scenario.scenario import check_cuts, check_order, check_spans, reso
 from studies.simulation.given import NOTHING, Given
 from studies.simulation.laid import LaidPath, moved_with, over_surface, through_holes
 from studies.simulation.meshing import Holes, check_inside, organ_mesh, strength_at, with_places
-from studies.simulation.organ import AnyOrgan, course_of, depths_of, loads_of, organ_of, recovery_of, stored_body
-from studies.simulation.sharing import Shared, mesh_key, organ_key, thread_key
+from studies.simulation.organ import AnyOrgan, course_of, depths_of, fitted, loads_of, organ_of, recovery_of
+from studies.simulation.sharing import Shared, body_key, mesh_key, organ_key, thread_key
 from studies.simulation.tracts import Ball, Distances, bites_of, check_balls, of_piercings, with_balls
 from thread.catalogue import Section, suture
 from thread.cutting import SLIVER, cut
@@ -123,7 +123,7 @@ def assemble(scenario: Scenario, store: Shared | None = None, given: Given = NOT
     holes, s = holes_on(mesh)
     check_balls(scenario.thread, holes)
     sites = [site_of(hole) for hole in holes]
-    body, fit = stored_body(scenario, sites, mesh, store, given)
+    body, fit = store.take("body", body_key(scenario), partial(fitted, scenario, given, mesh, sites))
     make_organ = partial(organ_of, scenario, sites, body, fit, given)
     organ: AnyOrgan = store.take("organ", organ_key(scenario), make_organ)
     at = np.array(s) * (path.length / length)
@@ -232,9 +232,8 @@ def length_of(scenario: Scenario, path: RoundedPath | LaidPath) -> float:
     """
     length = scenario.thread.length or path.length
     refuse(path.length > STRETCH * length, "thread.length", length, "thread-short", path=path.length)
-    if length > STRETCH * path.length:
-        share = path.length / length
-        raise refused("thread.length", length, "thread-long", path=path.length, share=share)
+    share = path.length / length
+    refuse(length > STRETCH * path.length, "thread.length", length, "thread-long", path=path.length, share=share)
     return length
 
 

@@ -125,19 +125,6 @@ def lip_gaps(shape: WoundMesh, body: tissue.Elasticity) -> tissue.Gaps:
     return tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.normal_axis])
 
 
-def stored_body(
-    scenario: Scenario, sites: Sequence[tissue.Site], mesh: skfem.MeshTet | None, store: Shared, given: Given
-) -> tuple[tissue.Elasticity | None, tissue.Fitted | None]:
-    """Return the organ's discrete elasticity, and the refinement of its cells.
-
-    Both come from the store if possible. Both are None without an organ; the second is None without
-    refinement.
-    """
-    if mesh is None:
-        return None, None
-    return store.take("body", body_key(scenario), lambda: fitted(scenario, given, mesh, sites))
-
-
 def recovery_of(scenario: Scenario, body: tissue.Elasticity | None, store: Shared) -> tissue.StressRecovery:
     """Return the recovery of stress from displacement, from the store if possible."""
     assert body is not None
@@ -169,15 +156,17 @@ def body_of(table: Tissue, given: Given, mesh: skfem.MeshTet) -> tissue.Elastici
 
 
 def fitted(
-    scenario: Scenario, given: Given, mesh: skfem.MeshTet, sites: Sequence[tissue.Site]
-) -> tuple[tissue.Elasticity, tissue.Fitted | None]:
+    scenario: Scenario, given: Given, mesh: skfem.MeshTet | None, sites: Sequence[tissue.Site]
+) -> tuple[tissue.Elasticity | None, tissue.Fitted | None]:
     """Return the discrete elasticity of the organ, and the refinement of its cells at the `sites`.
 
-    The refinement is None unless the scenario requests an accuracy. Lips match node by node: both
-    lips of a slit are refined alike, and the mesh of an open wound stays symmetric about the wound.
+    Both are None without an organ. The refinement is None unless the scenario requests an accuracy.
+    Lips match node by node: both lips of a slit are refined alike, and the mesh of an open wound
+    stays symmetric about the wound.
     """
     table = scenario.tissue
-    assert table is not None
+    if mesh is None or table is None:
+        return None, None
     body_on, shape = partial(body_of, table, given), table.mesh
     if shape.accuracy == "given":
         return body_on(mesh), None

@@ -9,7 +9,7 @@ import skfem
 
 import tissue
 from studies.arrays import Array
-from studies.scenario import Piercing, Scenario, Thread, Tract, refuse, refused
+from studies.scenario import Piercing, Scenario, Thread, Tract, refuse
 from studies.simulation.laid import LaidPath
 from thread.path import RoundedPath
 
@@ -187,6 +187,6 @@ def check_balls(thread: Thread, holes: Sequence[Piercing]) -> None:
     """
     balls = sum(isinstance(hole, Ball) for hole in holes)
     least = 4 + 3 * (len(holes) - balls) + 2 * balls
-    if balls and thread.knots == "fixed" and thread.control_points < least:
-        words = {"holes": len(holes) - balls, "balls": balls, "least": least}
-        raise refused("thread.control_points", thread.control_points, "balls-many", **words)
+    wrong = balls and thread.knots == "fixed" and thread.control_points < least
+    words = {"holes": len(holes) - balls, "balls": balls, "least": least}
+    refuse(wrong, "thread.control_points", thread.control_points, "balls-many", **words)
