@@ -25,14 +25,8 @@ def whole_page(title: str, body: Iterable[str], data: Mapping[str, Any]) -> str:
     """Return a page that needs no other file; its head forbids the loading of files."""
     parts = {name: (HERE / f"page.{name}").read_text(encoding="utf-8") for name in ("html", "css", "js")}
     numbers = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-    return Template(parts["html"]).substitute(
-        title=html.escape(title),
-        style=parts["css"],
-        body="\n".join(body),
-        data=numbers,
-        plotly=plotly_script(),
-        script=parts["js"],
-    )
+    parts |= {"title": html.escape(title), "body": "\n".join(body), "data": numbers, "plotly": plotly_script()}
+    return Template(parts["html"]).substitute(parts)
 
 
 def escaped(value: object) -> str:
