@@ -151,12 +151,7 @@ RANGE = columns_of(
 )
 HOLE_RANGE = columns_of("hole_range")
 KRYLOV = columns_of("krylov")
-RUN = columns_of(
-    "run",
-    time=lambda run: run.last.time if run.last else 0.0,
-    steps=lambda run: run.last.step if run.last else 0,
-    seconds_per_step=lambda run: run.seconds / run.last.step if run.last and run.last.step else None,
-)
+RUN = columns_of("run", seconds_per_step=lambda run: run.seconds / run.steps if run.steps else None)
 
 
 # -- the tables ------------------------------------------------------------------------------------------------------
@@ -225,12 +220,10 @@ def state_summary(step: StepRecord, scenario: Scenario | None = None) -> dict[st
     grown = {key.removeprefix("thread."): values((GROWS,), time) for key, time in growth.items()}
     ends = {end: _end_summary(end, step) | grown.get(end, {}) for end in ENDS}
     strands = {} if step.strands is None else {"contact": values(STRANDS, step.strands)}
-    always = {
+    parts: dict[str, Any] = {
         "energy": values(ENERGY, step.energy),
         "thread": ends | values(THREAD, step) | strands,
         "piercings": {hole.name: values(HOLE_SUMMARY, hole) | moved.get(hole.name, {}) for hole in step.piercings},
-    }
-    others: dict[str, Any] = {
         "contact": {
             pair.pair: {**values(CONTACT, pair), "stitches": {one.stitch: values(STITCH, one) for one in pair.stitches}}
             for pair in step.contact
@@ -239,7 +232,7 @@ def state_summary(step: StepRecord, scenario: Scenario | None = None) -> dict[st
         "loads": [values(LOAD, load) for load in step.loads],
         "tracts": {tract.tract: values(TRACT, tract) for tract in step.tracts},
     }
-    return always | {key: value for key, value in others.items() if value}
+    return {key: value for key, value in parts.items() if value or key == "piercings"}
 
 
 def range_summary(names: Iterable[str], extremes: Extremes) -> dict[str, Any]:

@@ -89,7 +89,8 @@ class Tally:
     def summary(self, status: Status, error: str = "") -> dict[str, Any]:
         """Return the contents of ``summary.json`` after the last step, without the provenance."""
         step = self.last_step
-        ended = {"status": status, "error": error, "last": step, "tissue_dofs": self._tissue_dofs}
+        ended = {"status": status, "error": error, "tissue_dofs": self._tissue_dofs}
+        ended |= {"time": step.time, "steps": step.step} if step else {"time": 0.0, "steps": 0}
         head = values(RUN, SimpleNamespace(**ended, **self._totals))
         parts: dict[str, Any] = {"remarks": [remark.record() for remark in self.remarks]}
         if self.scenario.tissue is not None:

@@ -162,7 +162,7 @@ def test_each_column_takes_its_own_field() -> None:
 def summary(record: StepRecord, folder: Path) -> dict[str, Any]:
     """The summary of a run that ended with a step, as it reads back."""
     totals = {"newton_iterations": 12, "constraint_max": 1e-6, "seconds": 2.0, "tissue_dofs": 100}
-    run = SimpleNamespace(status="completed", error="", last=record, **totals)
+    run = SimpleNamespace(status="completed", error="", time=record.time, steps=record.step, **totals)
     write_json(folder / "summary.json", values(RUN, run) | state_summary(record))
     found: dict[str, Any] = json.loads((folder / "summary.json").read_text())
     return found
