@@ -97,13 +97,8 @@ def scenario(youngs_modulus: float, inertia: bool = True, size: float = SIZE) ->
     phase = np.linspace(0.0, 1.0, 33)
     out = WAY * np.sin(np.pi * phase) ** 2
     hand = [[HOLD + DURATION * t, 0.02 + 0.8 * x, 0.0, 0.02 + 0.6 * x] for t, x in zip(phase, out, strict=True)]
-    values = {
-        "tissue.youngs_modulus": youngs_modulus,
-        "tissue.inertia": inertia,
-        "tissue.mesh.h": size,
-        "thread.end.waypoints": [[0.0, 0.02, 0.0, 0.02], *hand],
-    }
-    return scene("coupling_variants", values)
+    organ = {"tissue.youngs_modulus": youngs_modulus, "tissue.inertia": inertia, "tissue.mesh.h": size}
+    return scene("coupling_variants", organ | {"thread.end.waypoints": [[0.0, 0.02, 0.0, 0.02], *hand]})
 
 
 def run_ways(scenario: Scenario, step_counts: Sequence[int]) -> Iterator[Row]:

@@ -161,12 +161,8 @@ def run_rung(
 ) -> Row:
     """Return one run, measured at its end."""
     radius = 0.0 if variant.startswith("bare") else footprint
-    values: dict[str, object] = {
-        "tissue.youngs_modulus": youngs_modulus,
-        "tissue.element": variant[-2:],
-        "tissue.mesh.h": LENGTH / cells,
-        "thread.control_points": control_points,
-    }
+    values: dict[str, object] = {"tissue.youngs_modulus": youngs_modulus, "thread.control_points": control_points}
+    values |= {"tissue.element": variant[-2:], "tissue.mesh.h": LENGTH / cells}
     values |= {f"piercing.{hole}.footprint": radius for hole in ("entry", "exit")}
     if variant == FITTED:
         values["tissue.mesh.accuracy"] = ACCURACY
