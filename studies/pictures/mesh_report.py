@@ -11,6 +11,7 @@ import tissue
 from meshes.checks import volumes
 from meshes.quality import quality, radius_ratios, size_at
 from studies.arrays import MILLI, Array
+from studies.lists import list_of, sentences
 from studies.output.files import write_bytes
 from studies.pictures.picture import draw_scene
 from studies.pictures.scene import MeshScene
@@ -21,6 +22,7 @@ from studies.simulation.sharing import Shared
 
 Indices = NDArray[np.integer]
 
+say = sentences(list_of(__file__, "mesh.toml"))
 NO_REGION, NO_CELL = 0, -1  # values of the array `region` in addition to the regions' numbers
 
 
@@ -34,7 +36,8 @@ def write_report(scenario: Scenario, path: Path) -> list[str]:
     if path.suffix.lower() != ".vtu":
         raise ScenarioError(f"--out {path} is refused: the mesh is a ParaView file; name it {path.stem}.vtu")
     scenario = with_places(scenario, Shared())
-    fit = fit_of(scenario)
+    refined = scenario.tissue is not None and scenario.tissue.mesh.accuracy != "given"
+    fit = assemble(scenario).fit if refined else None
     mesh = organ_mesh(scenario) if fit is None else fit.body.mesh
     scratch = path.with_name(f".{path.stem}.part.vtu")
     paraview(mesh, None if fit is None else fit.indicators).write(scratch, file_format="vtu")
@@ -42,13 +45,6 @@ def write_report(scenario: Scenario, path: Path) -> list[str]:
     scratch.unlink()
     line, _ = draw_scene(scene_of(mesh, scenario), path.with_suffix(".png"))
     return [*lines(mesh, scenario), *round_lines(fit), "", f"ParaView   {path}", f"picture    {line}"]
-
-
-def fit_of(scenario: Scenario) -> tissue.Fitted | None:
-    """Return the refinement of the cells at the holes, None without refinement."""
-    if scenario.tissue is None or scenario.tissue.mesh.accuracy == "given":
-        return None
-    return assemble(scenario).fit
 
 
 def round_lines(fit: tissue.Fitted | None) -> list[str]:
@@ -63,20 +59,17 @@ def round_lines(fit: tissue.Fitted | None) -> list[str]:
 def lines(mesh: skfem.MeshTet, scenario: Scenario) -> list[str]:
     """Return the lines on size, quality, boundaries and regions, and on cells at each piercing."""
     found, content = quality(mesh), volumes(mesh.p.T, mesh.t.T)
+    sizes = {"volume": content.sum() / MILLI**3, "least": found.edge_min / MILLI, "most": found.edge_max / MILLI}
     unknowns = 3 * mesh.nvertices, 3 * (mesh.nvertices + mesh.nedges)
-    return [
-        f"mesh       {mesh.nvertices} vertices, {mesh.nelements} tetrahedra, {content.sum() / MILLI**3:.6g} mm³",
-        f"unknowns   {unknowns[0]} with P1, {unknowns[1]} with P2",
-        f"quality    smallest dihedral angle {found.dihedral_min:.1f}°, radius ratio {found.radius_ratio_min:.2f} at "
-        f"least and {found.radius_ratio_median:.2f} in the median",
-        f"edges      {found.edge_min / MILLI:.3g} to {found.edge_max / MILLI:.3g} mm",
-        *(f"site       {hole.name}: edge length {size_at(mesh, np.array(hole.place)) / MILLI:.3g} mm, footprint "
-          f"{hole.footprint / MILLI:.3g} mm" for hole in scenario.piercing),
-        *(f"boundary   {name}: {len(facets)} facets, {areas(mesh, facets).sum() / MILLI**2:.6g} mm²"
-          for name, facets in (mesh.boundaries or {}).items()),
-        *(f"region     {name}: number {number}, {len(cells)} tetrahedra, {content[cells].sum() / MILLI**3:.6g} mm³"
-          for number, (name, cells) in enumerate((mesh.subdomains or {}).items(), start=NO_REGION + 1)),
-    ]  # fmt: skip
+    out = say("mesh", mesh=mesh, found=found, unknowns=unknowns, **sizes).splitlines()
+    for hole in scenario.piercing:
+        out.append(say("site", hole=hole, edge=size_at(mesh, np.array(hole.place)) / MILLI, a=hole.footprint / MILLI))
+    for name, facets in (mesh.boundaries or {}).items():
+        out.append(say("boundary", name=name, count=len(facets), area=areas(mesh, facets).sum() / MILLI**2))
+    for number, (name, cells) in enumerate((mesh.subdomains or {}).items(), start=NO_REGION + 1):
+        volume = content[cells].sum() / MILLI**3
+        out.append(say("region", name=name, number=number, count=len(cells), volume=volume))
+    return out
 
 
 def areas(mesh: skfem.MeshTet, facets: Indices) -> Array:
