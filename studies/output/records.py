@@ -287,9 +287,8 @@ class Extremes:
         return self if organ is None else self.after("frame", organ)
 
 
-LARGEST = {
-    at: [(each.name, each.metadata[at]) for each in fields(Extremes) if at in each.metadata] for at in ("step", "frame")
-}
+TRACKED = [(each.name, each.metadata) for each in fields(Extremes)]
+LARGEST = {at: [(name, of[at]) for name, of in TRACKED if at in of] for at in ("step", "frame")}
 
 
 def larger(met: Any, now: Any) -> Any:

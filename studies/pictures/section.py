@@ -114,10 +114,8 @@ def _section_names(axes: Axes, frame: Frame, scale: view.Scale) -> None:
     named = [hole for hole in frame.piercings if hole.state != view.LEFT]
     words = [literal(view.label(hole.name, float(np.linalg.norm(hole.force)))) for hole in named]
     boxes = np.array([[LETTER * LETTERS * len(text), 1.4 * LETTERS] for text in words]).reshape(-1, 2)
-    holes, tips, thread = (
-        axes.transData.transform(points[:, [0, 2]] / MILLI)
-        for points in (view.places_of(frame), scale.tips(frame), frame.thread.points)
-    )
+    places = view.places_of(frame), scale.tips(frame), frame.thread.points
+    holes, tips, thread = (axes.transData.transform(points[:, [0, 2]] / MILLI) for points in places)
     occupied = np.concatenate([thread, along_arrows(holes, tips)])
     anchors = axes.transData.transform(np.array([hole.x[[0, 2]] for hole in named]).reshape(-1, 2) / MILLI)
     for text, anchor, corner in zip(words, anchors, label_places(anchors, boxes, occupied, view.SIZE), strict=True):

@@ -1,11 +1,10 @@
 """A refinement into a folder: the levels are run as a sweep, and each quantity gets its verdict."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from math import isnan, nan
 from pathlib import Path
-from typing import Any
 
 from studies.output.files import write_json, write_text
 from studies.output.remarks import CATALOGUE
@@ -102,11 +101,8 @@ def refined(name: str, rungs: Ladder, table: SweepTable) -> Refined:
     Raises `ScenarioError` if the quantity is not a number.
     """
     column = asked_column(table, name, "--quantity")
-    done = [status == 0 for status in table["exit_status"].values]
-    values = tuple(
-        float(value) if there and value is not None else nan
-        for there, value in zip(done, column.converted, strict=True)
-    )
+    ended = zip(table["exit_status"].values, column.converted, strict=True)
+    values = tuple(nan if status or value is None else float(value) for status, value in ended)
     sizes = rungs.estimates or [1.0 / factor for factor in rungs.factors]
     pairs = [(size, number) for size, number in zip(sizes, values, strict=True) if not isnan(number)]
     judged, why = None, too_few(sizes, values, rungs.kinds)
@@ -189,9 +185,5 @@ def in_words(one: Refined) -> dict[str, str]:
 def write(found: Sequence[Refined], rungs: Ladder, folder: Path) -> None:
     """Write ``verdict.md`` and ``verdict.json``."""
     write_text(folder / "verdict.md", markdown(found, rungs))
-    asked: Mapping[str, Any] = {
-        "over": rungs.kinds,
-        "unknowns": rungs.unknowns,
-        "quantities": [one.record() for one in found],
-    }
-    write_json(folder / "verdict.json", asked)
+    quantities = [one.record() for one in found]
+    write_json(folder / "verdict.json", {"over": rungs.kinds, "unknowns": rungs.unknowns, "quantities": quantities})

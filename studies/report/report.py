@@ -28,14 +28,8 @@ from studies.sweeps.table import counted
 ORIGIN = ("over", "base", "code", "preset", "arguments", "provenance")  # of a sweep or a study
 MOST_ROWS = 200  # of a table; more rows are left out
 HOLE_LINES = ("state", "slip", "force", "normal_force", "tangential_force", "tension_before", "tension_after")
-PAGE_COLOURS = {
-    "lines": [*COLOURS, "#444444", "#8a6d5c"],  # a chart over time has more lines than a figure
-    "tissue": TISSUE,
-    "tension": TENSION,
-    "pressure": PRESSURE,
-    "marker": MARKER,
-    "arrow": ARROW,
-}
+LINES = [*COLOURS, "#444444", "#8a6d5c"]  # a chart over time has more lines than a figure
+VIEW = {"tissue": TISSUE, "tension": TENSION, "pressure": PRESSURE, "marker": MARKER, "arrow": ARROW}  # colours
 HOLE_UNITS = {column.name: column.unit for column in HOLE_SUMMARY}
 
 
@@ -134,18 +128,13 @@ def report_text(runs: Mapping[str, OpenRun], others: Sequence[Rows]) -> str:
     series = [one for name, run in runs.items() for one in series_of(run, name)]
     charts = chart_records(series)
     views = [view_record(run, name, BYTES / len(runs)) for name, run in runs.items() if run.frames]
-    data = {
-        "series": [one.record() for one in series],
-        "charts": charts,
-        "views": views,
-        "grids": [grid_record(rows) for rows in others],
-        "colours": PAGE_COLOURS,
-    }
+    grids, colours = [grid_record(rows) for rows in others], {"lines": LINES} | VIEW
+    data = {"series": [one.record() for one in series], "charts": charts, "views": views, "grids": grids}
     title = ", ".join([*runs, *(rows.name for rows in others)])
     body = [f"<h1>{page.escaped(title)}</h1>"]
     body += run_sections(runs, [chart["title"] for chart in charts], bool(views)) if runs else []
     body += [line for number, rows in enumerate(others) for line in rows_sections(rows, number)]
-    return page.whole_page(title, body, data)
+    return page.whole_page(title, body, data | {"colours": colours})
 
 
 def run_sections(runs: Mapping[str, OpenRun], charts: Sequence[str], has_views: bool) -> Iterator[str]:

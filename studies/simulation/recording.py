@@ -66,9 +66,8 @@ def would_stay_after(now: OrganRun) -> bool:
     ended = [(step.solution, step.new) for step in now.taken[-1:]]
     if now.at_once and not ended:
         ended = [(solution_at(now.system, now.state), now.state)]
-    return all(
-        would_stay(solution, new) for solution, new in ended if solution.problem.stiffen or is_squeezed(solution)
-    )
+    checked = (pair for pair in ended if pair[0].problem.stiffen or is_squeezed(pair[0]))
+    return all(would_stay(solution, new) for solution, new in checked)
 
 
 def strands_record(now: OrganRun) -> records.Record | None:

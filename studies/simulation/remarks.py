@@ -76,11 +76,6 @@ def foreseen_in_organ(assembly: Assembly, body: tissue.Elasticity) -> Iterator[R
     yield from along_path(assembly, body)
 
 
-def strength_of(scenario: Scenario) -> float | None:
-    """Return the knot-pull strength of the suture [N], None if unknown."""
-    return knot_pull(scenario.thread.suture) if scenario.thread.suture else None
-
-
 def times_of(scenario: Scenario) -> dict[str, float]:
     """Return the times of scheduled events [s], by their keys."""
     begins = {hole.key("from"): hole.from_ for hole in scenario.piercing}
@@ -129,7 +124,8 @@ def met(assembly: Assembly, ending: records.Ending) -> Iterator[Remark]:
         yield from beyond_at_holes(names, extremes)
         yield from beyond_in_tissue(extremes)
     yield from torn(names, extremes, strengths)
-    yield from beyond_bounds(extremes, strength_of(scenario))
+    suture = scenario.thread.suture
+    yield from beyond_bounds(extremes, knot_pull(suture) if suture else None)
     yield from stiff_in_tracts(scenario, step.tracts)
     yield from assumed_channels(scenario.piercing, step.piercings)
     yield from coarse_spans(step.span_ratio, step.spans_between)

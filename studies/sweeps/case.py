@@ -163,7 +163,5 @@ def code_version() -> tuple[str, dict[str, str]]:
 
 def source_files() -> list[Path]:
     """Return the source files that influence a run."""
-    return [
-        *(path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))),
-        *(ROOT / name for name in MODULES),
-    ]
+    in_rooms = (path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py")))
+    return [*in_rooms, *(ROOT / name for name in MODULES)]

@@ -161,17 +161,13 @@ def table_of(cases: Sequence[Case]) -> SweepTable:
     remarks = [result["summary"].get("remarks", []) for result in results]
     codes = ("; ".join(f"{remark['code']} ({remark['where']})" for remark in row) for row in remarks)
     unsupported = (sum(remark["severity"] == "unsupported" for remark in row) for row in remarks)
-    return SweepTable(
-        (
-            Column("case", "", tuple(range(len(cases)))),
-            *keys,
-            Column("exit_status", "", tuple(result["exit_status"] for result in results)),
-            Column("unsupported", "", tuple(unsupported)),
-            Column("remarks", "", tuple(codes)),
-            *measured,
-            Column("cells", "-", tuple(result.get("cells") for result in results)),
-        )
-    )
+    ended = [
+        Column("exit_status", "", tuple(result["exit_status"] for result in results)),
+        Column("unsupported", "", tuple(unsupported)),
+        Column("remarks", "", tuple(codes)),
+    ]
+    cells = Column("cells", "-", tuple(result.get("cells") for result in results))
+    return SweepTable((Column("case", "", tuple(range(len(cases)))), *keys, *ended, *measured, cells))
 
 
 def plain(value: Any) -> float | int | str | bool | None:
