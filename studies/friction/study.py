@@ -350,7 +350,7 @@ def figure(rows: Sequence[Row]) -> Figure:
     loops = {f"N = {n}": rows_of_kind(rows, "loop", mu, n) for mu, n in loops_of(rows) if mu == middle}
     parts = [branch for run in loops.values() for branch in branches(run)]
     bent = {f"_{number}": part for number, part in enumerate(parts)}
-    panels = described(
+    return draw(described(
         "friction",
         [
             curve([], [], "(1 + μt)/(1 − μt)"),
@@ -372,8 +372,7 @@ def figure(rows: Sequence[Row]) -> Figure:
             series(bent, "way [mm]", "theory", ":", [""], ["black"]), curve([], [], "a thread that bends", ":"),
         ],
         turn=last[0].turn, loop_turn=parts[0][0].turn, mu=middle,
-    )  # fmt: skip
-    return draw(panels)
+    ))  # fmt: skip
 
 
 def over_degrees(law: Callable[[float, float], float], mu: float, angles: Array) -> list[float]:

@@ -414,7 +414,7 @@ def figure(rows: Sequence[Row]) -> Figure:
     pulls |= {f"μ = {run[0].mu:.3g} calibrated": run for run in runs(rows, CALIBRATED)}
     followed = {name: list(found.values()) for name, found in second_stitches(rows).items()}
     later = range(2 + BACK, most + 1)
-    panels = described(
+    return draw(described(
         "running_suture",
         [
             series(pulls, "stitches_back", "tension", "", markersize=4), {"ticks": {"x": range(most)}},
@@ -427,5 +427,4 @@ def figure(rows: Sequence[Row]) -> Figure:
             deviations([2, *later], [PULL, *[LEFT] * len(later)], [PULL_SD, *[LEFT_SD] * len(later)], PUBLISHED),
             {"ticks": {"x": range(2, most + 1)}},
         ],
-    )  # fmt: skip
-    return draw(panels)
+    ))  # fmt: skip

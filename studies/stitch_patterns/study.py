@@ -364,7 +364,7 @@ def figure(rows: Sequence[Row]) -> Figure:
     marks = ("o", "s", "D", "x")  # the last is drawn over the one before, which has the same numbers
     last = max(row.pull for steps in loads.values() for row in steps)
     turn = np.linspace(0.0, max(row.turn for run in strands.values() for row in run), 50)
-    panels = described(
+    return draw(described(
         "stitch_patterns",
         [
             series(predicted, lambda row: names.index(row.pattern) + 0.1, "closing_pull", ""),
@@ -388,5 +388,4 @@ def figure(rows: Sequence[Row]) -> Figure:
             curve(turn, np.exp(-fitted.mu * np.radians(turn)), "capstan, the same μ"),
         ],
         throw=fitted.throw,
-    )  # fmt: skip
-    return draw(panels)
+    ))  # fmt: skip

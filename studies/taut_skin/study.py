@@ -265,7 +265,7 @@ def figure(rows: Sequence[Row]) -> Figure:
     top = 1.1 * max(most, default=1.0)
     pairs = grouped(ratios(rows), lambda ratio: f"{ratio.source}, {ratio.skin}")
     scalp = {"Ahmad 2019, scalp, by width": [(pull / STRIPS[11], w / 11.0) for w, pull in STRIPS.items() if w > 11]}
-    panels = described(
+    return draw(described(
         "taut_skin",
         [*legend, *(series(unnamed(of), 0, 1, styles[skin], [""]) for skin, of in forces.items())],
         [level(1.0), series(shares, 0, 1)],
@@ -277,5 +277,4 @@ def figure(rows: Sequence[Row]) -> Figure:
             series(pairs, "published", "found", ""), series(scalp, 0, 1, "", ["x"], ["grey"]),
             curve([0.8, 4.0], [0.8, 4.0], None, "--"),
         ],
-    )  # fmt: skip
-    return draw(panels)
+    ))  # fmt: skip

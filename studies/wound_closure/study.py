@@ -274,7 +274,7 @@ def figure(rows: Sequence[Row]) -> Figure:
     top = 1.15 * max([c.published for c in compared] + [c.predicted_force for c in compared], default=1.0)
     by_source = {source.name: [c for c in compared if c.source == source] for source in SOURCES}
     fitted = {name: [c for c in found if c.is_fit] for name, found in by_source.items()}
-    panels = described(
+    return draw(described(
         "wound_closure",
         [along(together, "places", lambda row: np.array(row.tied) / row.theory), level(1.0)],
         [along(together, "along", lambda row: 100.0 * np.array(row.gaps) / row.width)],
@@ -284,8 +284,7 @@ def figure(rows: Sequence[Row]) -> Figure:
             {"xlim": (0.0, top), "ylim": (0.0, top)},
         ],
         [along(in_turn, "places", lambda row: np.array(row.tied) / row.theory)],
-    )  # fmt: skip
-    return draw(panels)
+    ))  # fmt: skip
 
 
 def along(rows: Sequence[Row], places: str, of: Callable[[Row], Array]) -> Item:
