@@ -172,15 +172,15 @@ def contact_record(wound: Wound, lips: ContactObservation, points: Array) -> rec
     The gap of a node that faces nothing is the extent of the surfaces.
     """
     part = wound.gaps.parts[wound.part]
-    pressure, faces = part.vertex_pressure(lips.force), lips.gap < wound.gaps.extent
+    pressure, faces = part.hats.T @ part.vertex_pressure(lips.force), lips.gap < wound.gaps.extent
     is_open = faces & (lips.gap > records.APART)
     return records.ContactRecord(
         pair=part.name,
         pairs=len(lips.gap),
         pressed=lips.pressed,
         smallest_gap=float(lips.gap.min()),
-        largest_pressure=float((part.hats.T @ pressure).max()),
-        area=float(part.areas[pressure > 0.0].sum()),
+        largest_pressure=float(pressure.max()),
+        area=float(part.pair_areas[faces & ~is_open & (pressure > 0.0)].sum()),
         slide=float(lips.slide.max()),
         force=float(lips.force.sum()),
         complementarity=lips.complementarity,

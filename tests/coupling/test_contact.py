@@ -490,7 +490,8 @@ def test_a_body_that_falls_on_another_comes_to_rest_on_it(bodies: Path) -> None:
 @pytest.mark.parametrize("element", ["P1", "P2"])
 def test_what_is_open_between_two_surfaces(bodies: Path, element: str) -> None:
     """Independent check: the whole side of the upper body, 0.1 mm above the lower one, is open, and between them is
-    that times the side; where some of it is nearer than the tolerance this is not open, whatever it is by."""
+    that times the side; where some of it is nearer than the tolerance this is not open, whatever it is by. What is
+    pressed and what is open share no area: together they are the side."""
     simulation = prepare(load(bodies, [f'tissue.element="{element}"']))
     side, above = 0.006**2, 1e-4
     now = simulation.beginning()
@@ -500,11 +501,12 @@ def test_what_is_open_between_two_surfaces(bodies: Path, element: str) -> None:
     ((wound, lips, points),) = observed_wounds(now, None)
     (part,) = wound.gaps.parts
     near = wound.gaps.body.points[part.left, 0] < -1e-9
-    touching = replace(lips, gap=np.where(near, 0.5 * APART, lips.gap))
+    touching = replace(lips, gap=np.where(near, 0.5 * APART, lips.gap), force=np.where(near, 1e-3, 0.0))
     share = float(part.pair_areas[~near].sum())
     assert 0.4 * side < share < side
     found = contact_record(wound, touching, points)
     assert found.open_area == pytest.approx(share, rel=RESIDUAL)
+    assert found.area + found.open_area == pytest.approx(side, rel=RESIDUAL)
     assert found.gap_volume == pytest.approx(share * above + (side - share) * 0.5 * APART, rel=RESIDUAL)
     assert found.approximation == pytest.approx(1.0 - share / side, rel=RESIDUAL)
     through = contact_record(wound, replace(lips, gap=np.full_like(lips.gap, -above)), points)
