@@ -69,7 +69,7 @@ def changed(data: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any
     copy = deepcopy(dict(data))
     for key, value in plain_values(values).items():
         text = f"{key}={as_toml(value)}"
-        _set(copy, override_key(text), value, text)
+        _set(copy, override_key(text, text), value, text)
     return copy
 
 
@@ -211,15 +211,21 @@ def _name(entry: Any) -> Any:
     return entry.get("name") if isinstance(entry, dict) else None
 
 
-def override_key(text: str) -> list[str]:
-    """Return the parts of the dotted key in ``key=value``. Raises `ScenarioError`."""
+def override_key(text: str, given: str = "") -> list[str]:
+    """Return the parts of the dotted key in ``key=value``.
+
+    `given` is how the user wrote it, ``--set key=value`` if empty. Raises `ScenarioError`.
+    """
     key, equals, _ = text.partition("=") if isinstance(text, str) else ("", "", "")
     try:
         table = tomllib.loads(f"{key}=0") if equals else {}
     except tomllib.TOMLDecodeError:
         table = {}
     if not table:
-        raise ScenarioError(f"--set {text} is refused: write a dotted key, = and a value, for example solve.dt=5e-4")
+        names = [name.strip() for name in key.split(".")]
+        odd = all(names) and '"' not in key and not all(map(BARE.fullmatch, names))
+        hint = f"; quote a name with other letters: {dotted_key(names)}" if odd else ""
+        raise ScenarioError(f"{given or f'--set {text}'} is refused: {because('override-key')}{hint}")
     parts: list[str] = []
     while isinstance(table, dict):
         ((part, table),) = table.items()

@@ -251,7 +251,7 @@ def parse_over(texts: Sequence[str]) -> dict[str, list[Any]]:
     over: dict[str, list[Any]] = {}
     for text in texts:
         key, _, value = text.partition("=")
-        override_key(f"{key}=0")
+        override_key(f"{key}=0", f"--over {text}")
         values = value_of(value)
         if not isinstance(values, list) or not values:
             raise ScenarioError(f"--over {text} is refused: {because('over-value')}")
@@ -276,7 +276,7 @@ def read_table(path: Path) -> list[Settings]:
         raise ScenarioError(f"--table {path} is empty; give a line of keys, and a line for each case") from None
     keys = [key.strip() for key in head]
     for key in keys:
-        override_key(f"{key}=0")
+        override_key(f"{key}=0", f"--table {path}: the column {key}")
     for number, line in enumerate(lines, 2):
         if len(line) != len(keys):
             raise ScenarioError(f"--table {path}: line {number} has {len(line)} cells, not {len(keys)}; correct it")

@@ -187,6 +187,7 @@ REFUSED = [
     ("title=3", ["title = 3", "string"]),
     # the override itself
     ("solve.dt", ["--set solve.dt", "a dotted key, = and a value"]),
+    ("piercing.縫合 - x.at=[0,0,0]", ["--set piercing.縫合 - x.at", "quote", 'piercing."縫合 - x".at']),
     ("solve.dt=1e-3,", ["--set solve.dt=1e-3,", "not TOML"]),
     ("solve.dt=", ["--set solve.dt=", "not TOML"]),
     ("thread.suture=3-0 nylons", ["thread.suture = '3-0 nylons'", "not in the catalogue"]),

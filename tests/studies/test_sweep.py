@@ -524,7 +524,11 @@ def test_parquet_has_the_units(tmp_path: Path) -> None:
     ("ask", "said"),
     [
         (lambda: parse_over(["solve.dt=1e-3"]), "a list of values in TOML"),
-        (lambda: parse_over(["solve dt=[1]"]), "a dotted key"),
+        (lambda: parse_over(["solve dt=[1]"]), r"--over solve dt=\[1\] is refused: write a dotted key"),
+        (
+            lambda: changed(RING, {"piercing.縫合 - x.at": 1}),
+            r'^piercing.縫合 - x.at=1 is .* piercing\."縫合 - x"\.at$',
+        ),
         (lambda: parse_over(["a=[1]", "a=[2]"]), "already varied"),
         (lambda: paired({"a": [1], "b": [1, 2]}), "a has 1, b has 2"),
         (lambda: read_table(Path("nowhere.csv")), "cannot be read"),
