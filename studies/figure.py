@@ -6,7 +6,9 @@ curve for each group of rows (`series`), a `level`, a `band`, or a function of t
 """
 
 import io
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from itertools import cycle
 from operator import itemgetter
 from pathlib import Path
@@ -187,6 +189,14 @@ def set_ticks(axes: Axes, axis: str, values: Sequence[float]) -> None:
     axes.minorticks_off()
 
 
+@contextmanager
+def styled(**more: str) -> Iterator[None]:
+    """Draw in the style. A letter that the font lacks is a box, without a warning."""
+    with rc_context({**STYLE, **more}), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from")
+        yield
+
+
 def write_figure(figure: Callable[[Sequence[Any]], Figure], rows: Sequence[Any], name: str, folder: Path) -> None:
     """Write a study's figure into a folder, in each format."""
     for kind, picture in render_figure(figure, rows, name).items():
@@ -196,7 +206,7 @@ def write_figure(figure: Callable[[Sequence[Any]], Figure], rows: Sequence[Any],
 def render_figure(figure: Callable[[Sequence[Any]], Figure], rows: Sequence[Any], name: str) -> dict[str, bytes]:
     """Return a study's figure by format; equal rows give equal bytes."""
     pictures = {}
-    with rc_context({**STYLE, "svg.hashsalt": name}):
+    with styled(**{"svg.hashsalt": name}):
         drawing = figure(rows)
         for kind in ("png", "svg"):
             buffer = io.BytesIO()

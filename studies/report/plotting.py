@@ -3,9 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from matplotlib import rc_context
-
-from studies.figure import COLOURS, STYLE, literal, panels
+from studies.figure import COLOURS, literal, panels, styled
 from studies.output.reading import OpenRun, ResultsError, open_run
 from studies.report.charts import AXES, Series, series_of
 from studies.scenario.refusal import nearest
@@ -22,7 +20,7 @@ def plot(folder: Path, names: Sequence[str], out: Path | None) -> list[str]:
     if target.suffix.lower() not in (".png", ".svg", ".pdf"):
         raise ResultsError(f"--out {target} is refused: name it {target.stem}.png, .svg or .pdf")
     units = list(dict.fromkeys(line.unit for line in lines))
-    with rc_context(STYLE):
+    with styled():
         figure, axes = panels(len(units), 1)
         figure.set_size_inches(7.0, 1.0 + 2.6 * len(units))
         for unit, axis in zip(units, axes[:, 0], strict=True):

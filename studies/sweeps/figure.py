@@ -20,7 +20,8 @@ MARGIN = 0.3  # around the legend [inch]
 def figure(drawn: Sequence[Column]) -> Figure:
     """Return the figure of the second of two columns over the first.
 
-    There is a line for each value of a third column.
+    There is a line for each value of a third column. Points of which several have the same x are not
+    joined.
     """
     drawing, ((axes,),) = panels(1, 1)
     x, y, *by = drawn
@@ -29,7 +30,8 @@ def figure(drawn: Sequence[Column]) -> Figure:
         rows = [k for k in range(len(x.values)) if not by or by[0].values[k] == line]
         points = sorted((x.values[k], y.values[k]) for k in rows if x.values[k] is not None and y.values[k] is not None)
         label = f"{line:.4g}" if isinstance(line, float) else str(line)
-        axes.plot([p[0] for p in points], [p[1] for p in points], label=folded(label, WORDS), **style_of(number))
+        joined = {} if len({p[0] for p in points}) == len(points) else {"linestyle": "none"}
+        axes.plot(*zip(*points, strict=True), label=folded(label, WORDS), **style_of(number) | joined)
     axes.locator_params(axis="x", nbins=TICKS)
     axes.set_xlabel(folded(x.heading, WORDS))
     axes.set_ylabel(folded(y.heading, HIGH))

@@ -137,9 +137,13 @@ def asked_column(table: SweepTable, name: str, option: str, number: bool = True)
 def drawn_columns(table: SweepTable, names: Sequence[str]) -> list[Column]:
     """Return the columns of a figure: two numeric ones, and a third of any kind.
 
-    Raises `ScenarioError`.
+    Without a third name it is the other of two varied keys whose combinations are run, or the last
+    if the first column is no key. Raises `ScenarioError`.
     """
-    return [asked_column(table, name, "--plot", number=place < 2) for place, name in enumerate(names)]
+    columns = [asked_column(table, name, "--plot", number=place < 2) for place, name in enumerate(names)]
+    keys = [key for key in table.columns[1 : table.names.index("exit_status")] if 1 < len(set(key.values)) < len(table)]
+    others = [key for key in keys if key is not columns[0]]
+    return columns + others[-1:] if len(columns) == len(keys) == 2 else columns
 
 
 def written(value: object) -> object:

@@ -23,7 +23,7 @@ from matplotlib import rc_context
 from coupling.step import tables as loops
 from coupling.system import State
 from studies.command.command import main
-from studies.figure import COLOURS, PANEL, STYLE
+from studies.figure import COLOURS, PANEL, STYLE, render_figure
 from studies.output.columns import quantities, state_summary
 from studies.output.provenance import ROOT
 from studies.output.remarks import CATALOGUE
@@ -40,7 +40,7 @@ from studies.sweeps.case import MODULES, PACKAGES, ROOMS, Result, run_case, sour
 from studies.sweeps.figure import DASHES
 from studies.sweeps.figure import figure as drawn_figure
 from studies.sweeps.sweep import SweepProgress, paired, parse_over, read_table, sweep
-from studies.sweeps.table import Column, drawn_columns, table_of
+from studies.sweeps.table import Column, SweepTable, drawn_columns, table_of
 from studies.workers import Workers, WorkersError, in_order, in_processes, in_turn, on_cluster, workers_of
 from tests.bounds import IDENTITY
 from tests.studies.samples import contact, step
@@ -742,6 +742,32 @@ def test_a_bare_point_is_called_diverging(tmp_path: Path) -> None:
     table["thread"]["end"] = {"kind": "free"}
     [moved] = refine(table, "piercings.ring.displacement_z", tmp_path, "h", levels=3, ratio=2.0)
     assert moved.text.startswith("DIVERGING, order -"), replace(moved)
+
+
+@pytest.mark.parametrize(
+    ("x", "keys", "lines", "joined"),
+    [
+        ("a", ("a", "b"), 2, True),  # a line for each value of the other key
+        ("縫合", ("a", "b"), 2, True),
+        ("a", ("a",), 1, True),
+        ("a", ("a", "b", "c"), 1, False),  # the key of the lines is not decided
+    ],
+)
+def test_a_line_of_a_figure_has_one_point_at_each_x(x: str, keys: tuple[str, ...], lines: int, joined: bool) -> None:
+    """Independent check: of a sweep over all combinations, by values of which none is twice; of cases in pairs it is
+    one line. Letters that the font lacks are drawn without a warning."""
+    lists = {"a": [1, 2, 3], "b": [10, 20, 30], "c": [100, 200, 300]}
+    grid = sweeps.grid({key: lists[key][: 3 - (key != "a")] for key in keys})
+    for cases, drawn_lines, is_joined in ((grid, lines, joined), (paired(lists), 1, True)):
+        summed = Column("縫合", "N", tuple(sum(case.values()) for case in cases))
+        varied = [Column(key, "", tuple(case[key] for case in cases)) for key in keys]
+        ends = Column("exit_status", "", (0,) * len(cases))
+        table = SweepTable((Column("case", "", tuple(range(len(cases)))), *varied, ends, summed))
+        drawn = drawn_columns(table, [x, "縫合"])
+        assert render_figure(drawn_figure, drawn, "sweep")["png"]
+        (axes,) = drawn_figure(drawn).axes
+        assert len(axes.lines) == drawn_lines
+        assert {line.get_linestyle() != "None" for line in axes.lines} == {is_joined}
 
 
 @pytest.mark.parametrize("lines", [2, 12, 40])
