@@ -7,6 +7,7 @@ import platform
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
+from shlex import quote
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -31,8 +32,8 @@ def new(options: argparse.Namespace) -> int:
     path.parent.mkdir(parents=True, exist_ok=True)
     template = STITCHES if options.stitches else TEMPLATE
     path.write_text(template.read_text(encoding="utf-8"), encoding="utf-8")
-    folder = Path("results") / path.stem
-    print(f"{path} is written\ncheck it  suture check {path}\nrun it    suture run {path} --out {folder}")
+    file, folder = quote(str(path)), quote(str(Path("results") / path.stem))
+    print(f"{path} is written\ncheck it  suture check {file}\nrun it    suture run {file} --out {folder}")
     return 0
 
 

@@ -158,7 +158,7 @@ def limits(values: Array, least: float = 0.0) -> tuple[float, float]:
     The highest and lowest 0.5 % have the end colours, and values up to `least` count as zero.
     """
     low, high = (value if abs(value) > least else 0.0 for value in np.quantile(values, [0.005, 0.995]))
-    return min(0.0, float(low)), max(0.0, float(high)) or 1.0
+    return min(0.0, float(low)), max(0.0, float(high)) or float(low >= 0.0)
 
 
 def ticks(low: float, high: float) -> Array:

@@ -249,6 +249,8 @@ def test_a_new_scenario_can_be_run(
     assert command.main(["new", "mine"]) == 0
     assert command.main(["check", "mine.toml"]) == 0
     assert "suture run mine.toml --out" in capsys.readouterr().out
+    assert command.main(["new", "neu ü.toml"]) == 0
+    assert "suture run 'neu ü.toml' --out 'results/neu ü'" in capsys.readouterr().out
     assert command.main(["new", "wound", "--stitches"]) == 0
     assert command.main(["check", "wound.toml"]) == 0
     assert command.main(["new", "mine.toml"]) == 2

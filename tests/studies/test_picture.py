@@ -137,6 +137,9 @@ def test_a_thread_that_is_pressed_has_other_colours_than_one_that_is_pulled() ->
     assert np.abs(at(taut, 0.25) - pulled).max() < SHADE
     assert tension_words(frame(0.0)).endswith(f"maximum {frame(0.0).thread.tension.max():.3g}")
     pushed = replace(frame(0.0), thread=replace(frame(0.0).thread, tension=-frame(0.0).thread.tension - 0.1))
+    least, none = scale_of([pushed]).tension
+    assert none == 0.0 and least == pytest.approx(pushed.thread.tension.min(), rel=0.1)
+    assert np.abs(at(tension_colours(scale_of([pushed])), 1.0) - rest).max() < SHADE
     assert tension_words(pushed).endswith(f"{pushed.thread.tension.min():.3g} to {pushed.thread.tension.max():.3g}")
 
 
