@@ -9,7 +9,7 @@ import pytest
 
 from studies.command import command
 from studies.scenario import ScenarioError, load, parse
-from studies.scenario.stitch import NEAR, Stitch, bites_of, with_origin
+from studies.scenario.stitch import NEAR, Stitch, bites_of, long_form, with_origin
 from studies.scenario.toml import changed, read
 from studies.simulation import prepare
 from studies.simulation.assembly import assemble
@@ -145,6 +145,22 @@ def test_stitches_are_one_thread_that_is_cut_between() -> None:
     assert len(scenario.thread.cuts) == 2
     assert np.searchsorted(scenario.thread.cuts, s).tolist() == [0, 0, 1, 1, 2, 2]
     assert all(path.position([cut])[0, 2] > 0.0 for cut in scenario.thread.cuts)
+
+
+@pytest.mark.parametrize("force", [0.05, 0.2])
+@pytest.mark.parametrize("kind", ["single", "figure-of-eight"])
+def test_a_stiff_loop_does_not_run_out_of_its_knot(kind: str, force: float) -> None:
+    """Independent check: 2-0 polypropylene in bites of 2 mm straightens its bends, which takes thread from both tails;
+    the loop that is then tied is as long as with tails 10 mm longer."""
+    table = wound({"kind": kind, "pitch": 3e-3, "bite": 2e-3, "depth": 1.5e-3, "force": force, "tract": False})
+    table = long_form({key: value for key, value in table.items() if key != "tissue"})
+    longer = deepcopy(table)
+    longer["thread"]["suture"] = table["thread"]["suture"] = "2-0 polypropylene"
+    for end in (0, -1):
+        longer["thread"]["path"][end][2] += 0.01
+    found, more = ([step for step, _ in prepare(parse(each)).advance()][-1].ties[0] for each in (table, longer))
+    assert found.state == more.state == "tied"
+    assert found.length == pytest.approx(more.length, rel=2e-3)
 
 
 def test_the_long_form_is_the_same_scenario(tmp_path: Any, capsys: pytest.CaptureFixture[str]) -> None:
