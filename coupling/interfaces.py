@@ -218,6 +218,14 @@ class Bearing(Protocol):
 
 
 @runtime_checkable
+class Paired(Protocol):
+    """Optional members of an organ: its surfaces are paired, and the pairs change as they slide."""
+
+    def paired_nearer(self, last: Any, now: Any) -> Any:
+        """Return the equilibrium `now`, whose pairs are those after the state `last`, with pairs closer to its own."""
+
+
+@runtime_checkable
 class Rubs(Protocol):
     """Optional members of an organ: friction between its surfaces."""
 

@@ -12,6 +12,10 @@ A body of the organ that only thread and contact hold has a drag towards its las
 (`tissue.organs.floating`). The equilibrium is solved again from the last one until the drag is
 zero.
 
+The lips are paired at a place between the last one and the new equilibrium
+(`tissue.organs.meshed.MeshedOrgan.paired_nearer`): at the equilibrium itself, pressed lips that
+slide would alternate.
+
 An equilibrium that is solved again is the end of the same load step, so that its works are by the
 forces at both ends of the load step. Those of the equilibria between, with the pairs of other
 places, are not part of them.
@@ -45,7 +49,7 @@ from coupling.errors import (
     UnbalancedError,
 )
 from coupling.integrators import Equilibrium
-from coupling.interfaces import Answer, Body, Floats, Snapping
+from coupling.interfaces import Answer, Body, Floats, Paired, Snapping
 from coupling.joins.strands import misplaced
 from coupling.kernels.bordered import SingularError
 from coupling.step.descent import BOWING
@@ -701,18 +705,22 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
     """Return a load step to the equilibrium at which its pairs and its floating bodies are at rest.
 
     A step pairs the lips as at its start. The equilibrium is solved again if the lips slide on the
-    way, if their gaps change because an organ at finite strain turns them, or if a body that only
-    thread and contact hold is dragged. The equilibria between are no part of the way: all works and
-    all friction are those of the way from the start of the load step to the last one. Raises
-    `StepError`, also if a strand is then farther than its diameter from the place of its forces on
-    the surface, or if the lips slid further than that since the last equilibrium.
+    way from the place of their pairs, if their gaps change because an organ at finite strain turns
+    them, or if a body that only thread and contact hold is dragged. The equilibria between are no
+    part of the way: all works and all friction are those of the way from the start of the load step
+    to the last one. Raises `StepError`, also if a strand is then farther than its diameter from the
+    place of its forces on the surface, or if the lips slid further than that since the last
+    equilibrium.
     """
     out, lapse = [step], share * duration - step.old.time
     while (len(out) <= PAIRINGS and has_slid(system, out[-1], step.old)) or (
         len(out) <= DRIFTS and is_dragged(system, out[-1])
     ):
-        given = ask_again(system, out[-1].new, share, duration, step.old)
-        out.append(replace(settle(system, out[-1].new, share, duration, given, step.old), unstable=step.unstable))
+        now = out[-1].new
+        if isinstance(system.organ, Paired):
+            now = replace(now, organ=system.organ.paired_nearer(out[-1].old.organ, now.organ))
+        given = ask_again(system, now, share, duration, step.old)
+        out.append(replace(settle(system, now, share, duration, given, step.old), unstable=step.unstable))
     off = misplaced(system, out[-1].new, step.old) if len(out) > PAIRINGS else 0.0  # else it is less than MISPLACED
     if off > system.thread.section.diameter:
         cause = f"a strand finds no place on the surface: it is {1e3 * off:.2g} mm from where its forces act"

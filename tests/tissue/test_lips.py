@@ -463,3 +463,19 @@ def test_what_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tissue.organs.meshed.free_memory", lambda: 1e3)
     with pytest.raises(tissue.TissueError, match=r"pairs of nodes on the lips take about .* coarser mesh at the lips"):
         organ_of(body, gaps_on(body, wound, closed))
+
+
+@pytest.mark.parametrize("gain", [-3.0, -0.5, 0.5])
+def test_pairs_come_to_a_place_that_answers_with_itself(gain: float) -> None:
+    """Theory: an answer U = U* + g (V − U*) to pairs at the place V has the one fixed point U*. Pairs at U itself move
+    away from it for g < −1; Aitken's share 1/(1 − g) is there with the second answer. Shares above one are not taken."""
+    organ = wavy_halves()
+    state, rng = organ.start(), np.random.default_rng(5)
+    goal, first = (1e-4 * rng.standard_normal(organ.size) for _ in range(2))
+    last, off = replace(state, U=first), []
+    for _ in range(4):
+        now = replace(state, U=goal + gain * (organ.place(last) - goal))
+        last = organ.paired_nearer(last, now)
+        off.append(float(np.linalg.norm(organ.place(last) - goal) / np.linalg.norm(first - goal)))
+    assert off[0] == pytest.approx(abs(gain))
+    assert off[1] <= 1e-12 if gain < 0.0 else off[3] == pytest.approx(gain**4)

@@ -55,7 +55,20 @@ PAIRS = 8  # columns of A⁻¹Gᵀ that are solved for together: more are faster
 SHARE = 0.5  # of the free memory: the largest part that the compliance of the gaps can take
 SLIPPING = 1.0 - 1e-9  # of the largest friction: a pair with at least this friction slips
 EMPTY = np.zeros(0)
+TINY = float(np.finfo(float).tiny)
 NO_POINTS = np.zeros((0, OWN))
+
+
+class Paired(NamedTuple):
+    """The displacement `U` (N,) [m] at which surfaces are paired.
+
+    It is a `share` of the `way` from the last such place to the equilibrium with its pairs; `way` is
+    that of the nodes of the surfaces, `(3r,)` [m].
+    """
+
+    U: Array
+    way: Array
+    share: float
 
 
 @dataclass(frozen=True)
@@ -83,6 +96,7 @@ class OrganState:
     - `points` `(j, 9 + l)`: the facing data of outside points (`tissue.organs.skin.Skin.faced`),
       whose forces follow those of the pairs in `p`; None if no point may bear on the organ.
     - `ahead` `(j, 9 + l)`: the facing data for the next step.
+    - `paired`: the place at which surfaces are paired in the next step; None for that of the state.
     - `tally` [√J]: for the error estimate of an organ in modes, the largest norm of the forces so
       far (`tissue.organs.krylov`).
     """
@@ -101,6 +115,7 @@ class OrganState:
     relaxing: Array | None = None
     points: Array | None = None
     ahead: Array | None = None
+    paired: "Paired | None" = None
     tally: float = 0.0
     linearised_H: Array | None = None
     columns: Array | None = None
@@ -456,10 +471,30 @@ class MeshedOrgan:
         In equilibrium, slips are counted from the last state of `past`.
         """
         now, first = past[0], slips_since(past, scheme)
-        pairing = self.paired_anew(self.field(now), now.ahead)
+        pairing = self.paired_anew(self.place(now), now.ahead)
         if first is now or not self.slips(pairing).size:
             return pairing
         return self.slipping_from(self.field(first), pairing)
+
+    def place(self, state: OrganState) -> Array:
+        """Return the displacement of the free unknowns at which surfaces are paired after a state, `(N,)` [m]."""
+        return self.field(state) if state.paired is None else state.paired.U
+
+    def paired_nearer(self, last: OrganState, now: OrganState) -> OrganState:
+        """Return the equilibrium `now` with the place at which its surfaces are paired to solve it again.
+
+        Its pairs were found at the place of `last`. The new place is a share of the way from there to
+        `now`, by Aitken's method (Küttler and Wall, Comput. Mech. 43, 2008). Forces on curved surfaces
+        turn as the surfaces slide, and drive them back. If they turn by more than the surfaces are
+        stiff, pairs at the place of the last equilibrium alternate.
+        """
+        before, U, share = self.place(last), self.field(now), 1.0
+        way = self.lip_rows @ (U - before)
+        if last.paired is not None:
+            change = way - last.paired.way
+            share = -last.paired.share * float(last.paired.way @ change) / max(float(change @ change), TINY)
+            share = share if 0.0 < share < 1.0 else 1.0
+        return replace(now, paired=Paired(before + share * (U - before), way, share))
 
     @property
     def finest(self) -> float:
@@ -494,10 +529,12 @@ class MeshedOrgan:
         return self.whole(self.field(state))
 
     def lips(self, state: OrganState) -> Lips:
-        """Return the gaps, forces, slides and friction of the pairs."""
+        """Return the gaps, forces, slides and friction of the pairs; the slides are those to the
+        place of the next pairs.
+        """
         if not self.pairs:
             return NO_LIPS
-        p, slides = state.p[: self.pairs], self.slides(self.field(state))
+        p, slides = state.p[: self.pairs], self.slides(self.place(state))
         return Lips(self.gap(state), p, slides, *self.rubbing(state))
 
     def gap(self, state: OrganState) -> Array:
