@@ -468,7 +468,7 @@ def test_what_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("gain", [-3.0, -0.5, 0.5])
 def test_pairs_come_to_a_place_that_answers_with_itself(gain: float) -> None:
     """Theory: an answer U = U* + g (V − U*) to pairs at the place V has the one fixed point U*. Pairs at U itself move
-    away from it for g < −1; Aitken's share 1/(1 − g) is there with the second answer. Shares above one are not taken."""
+    away from it for g < −1; Aitken's share 1/(1 − g) is there with the second one. Shares above one are not taken."""
     organ = wavy_halves()
     state, rng = organ.start(), np.random.default_rng(5)
     goal, first = (1e-4 * rng.standard_normal(organ.size) for _ in range(2))
